@@ -1,0 +1,43 @@
+# One environment in .venv, built once from the lock file; every target below uses it.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: lab test tables bench notebooks lock clean
+
+lab: $(READY)
+	$(BIN)/crfbench lab notebooks
+
+test: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest notebooks --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
+
+tables: $(READY)
+	$(BIN)/crfbench tables --out results
+	$(BIN)/crfbench table fitting
+
+bench: $(READY)
+	$(BIN)/python benchmarks/fitting.py
+
+# Runs every notebook from a fresh kernel and stores the outputs, without widget state or timings.
+notebooks: $(READY)
+	$(BIN)/python scripts/execute_notebooks.py
+
+# Freezes what .venv holds; a local build label such as +cpu is not part of a release.
+lock: $(READY)
+	$(BIN)/pip freeze --exclude-editable | sed 's/+[a-z0-9]*$$//' > requirements.lock
+
+clean:
+	rm -rf $(VENV) results
+
+$(READY): pyproject.toml requirements.lock
+	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v >= (3, 11) and v < (3, 14) or sys.exit(f"crfbench needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}; choose one with: make PYTHON=python3.12 $(MAKECMDGOALS)")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint requirements.lock --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --constraint requirements.lock --no-deps spectral-film-lut
+	touch $@

@@ -1,0 +1,117 @@
+"""The command line: ``crfbench data | fetch | table | tables | lab``."""
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+import crfbench
+from crfbench.errors import CrfbenchError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, help="A workbench for camera response functions.")
+table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
+app.add_typer(table_app, name="table")
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON rows instead of text.")]
+
+
+@app.callback(invoke_without_command=True)
+def _version(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        typer.echo(crfbench.__version__)
+        raise typer.Exit
+
+
+@app.command()
+def data(as_json: AsJson = False) -> None:
+    """List every data set: what it is, its licence, whether it is here, and where."""
+    from crfbench.datasets import registry
+
+    rows = registry.status()
+    if as_json:
+        typer.echo(json.dumps([row._asdict() for row in rows], indent=1))
+        return
+    for row in rows:
+        typer.echo(f"{row.key}: {row.present}\n  {row.what}\n  licence: {row.licence}")
+        typer.echo(f"  in {row.where}" if row.where else f"  get it with: crfbench fetch {row.key}")
+
+
+@app.command()
+def fetch(
+    which: Annotated[str, typer.Argument(help="dorf, emor, middlebury or all")],
+    folder: Annotated[Path | None, typer.Option(help="Where to; default $CRFBENCH_DATA or the user cache.")] = None,
+    mirror: Annotated[str | None, typer.Option(help="Base address to fetch from instead.")] = None,
+) -> None:
+    """Download a data set, checking every file; what is already there is kept."""
+    from crfbench.datasets.fetch import fetch as fetch_files
+
+    paths = fetch_files(which, folder=folder, mirror=mirror)
+    typer.echo(f"{len(paths)} files are complete and checked; see them with: crfbench data")
+
+
+@table_app.command()
+def fitting(
+    data: Annotated[str, typer.Option(help="auto, dorf or opencrf")] = "auto",
+    direction: Annotated[str, typer.Option(help="forward, inverse or both")] = "both",
+    as_json: AsJson = False,
+) -> None:
+    """Table 1: how well each model fits response curves, in sample and held out."""
+    from crfbench.curves import check_direction
+    from crfbench.results import fitting_tables
+
+    wanted = ["forward", "inverse"] if direction == "both" else [check_direction(direction)]
+    tables = {title: t[t["direction"].isin(wanted)] for title, t in fitting_tables(data).items()}
+    _print_tables(tables, as_json)
+
+
+@app.command()
+def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("results")) -> None:
+    """Rebuild every table and figure that exists, without a browser."""
+    from crfbench.results import build_results
+
+    for path in build_results(out):
+        typer.echo(path)
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def lab(
+    context: typer.Context,
+    folder: Annotated[Path, typer.Argument(help="Your copy of the notebooks.")] = Path("crfbench-notebooks"),
+) -> None:
+    """Copy the notebooks to a folder of yours and open them; further options go to JupyterLab."""
+    from crfbench.lab import copy_notebooks, open_lab
+
+    copied = copy_notebooks(folder)
+    typer.echo(f"{len(copied)} notebooks copied to {folder}" if copied else f"the notebooks in {folder} are kept")
+    raise typer.Exit(open_lab(folder.resolve(), context.args))
+
+
+def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
+    """Print as text every table under its title; as JSON the rows of the first, the one computed now."""
+    from crfbench.tables.recorded import to_rows
+
+    if as_json:
+        typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
+        return
+    for title, frame in tables.items():
+        text = frame.to_string(index=False, na_rep="-", float_format=lambda value: f"{value:.3g}")
+        typer.echo(f"{title}\n{text}\n")
+
+
+def main() -> None:
+    """Run the command line; a mistake in the input is one sentence and exit status 2."""
+    try:
+        app()
+    except CrfbenchError as error:
+        typer.echo(f"crfbench: {error}", err=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

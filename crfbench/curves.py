@@ -1,0 +1,185 @@
+"""Response curves on one common grid: check, evaluate, resample, invert, repair.
+
+A *response* ``f`` maps irradiance to brightness, its *inverse response* ``g = f^-1`` maps brightness to
+irradiance. A *curve* holds 1024 samples of either on ``linspace(0, 1, 1024)``, from (0, 0) to (1, 1).
+"""
+
+from typing import Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.errors import InputError
+
+Array = NDArray[np.float64]
+Direction = Literal["forward", "inverse"]
+
+N_SAMPLES = 1024
+GRID: Array = np.linspace(0.0, 1.0, N_SAMPLES)
+GRID.flags.writeable = False
+
+# A slope this small makes plateaus invertible and moves no sample by more than itself.
+_TILT = 1e-6
+
+
+def check_direction(direction: str) -> Direction:
+    """Return `direction` if it is "forward" or "inverse", else raise `InputError`."""
+    if direction in get_args(Direction):
+        return cast(Direction, direction)
+    raise InputError(f"direction={direction!r} is not known; use 'forward' or 'inverse'")
+
+
+def axis_labels(direction: Direction) -> tuple[str, str]:
+    """Return the x and y axis labels of a curve of that direction."""
+    labels = ("irradiance (relative, 0 to 1)", "brightness (relative, 0 to 1)")
+    return labels if direction == "forward" else labels[::-1]
+
+
+def as_curves(curves: ArrayLike) -> Array:
+    """Return `curves` as a float64 batch.
+
+    Parameters
+    ----------
+    curves : array_like, shape (1024,) or (n, 1024)
+
+    Returns
+    -------
+    ndarray, shape (n, 1024)
+
+    Raises
+    ------
+    InputError
+        For another shape, no curve at all, or values that are not finite.
+    """
+    try:
+        batch = np.atleast_2d(np.asarray(curves, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"curves of type {type(curves).__name__} are not numbers: {error}") from None
+    if batch.ndim != 2 or batch.shape[1] != N_SAMPLES or not len(batch):
+        raise InputError(f"curves have shape {np.shape(curves)}; use (1024,) or (n, 1024), resample() makes them")
+    if not np.isfinite(batch).all():
+        row = int(np.argmin(np.isfinite(batch).all(axis=1)))
+        raise InputError(f"curve {row} holds NaN or infinite values; use finite samples in [0, 1]")
+    return batch
+
+
+def as_valid_curves(curves: ArrayLike, tolerance: float = 1e-6) -> Array:
+    """Return `curves` as a batch of monotone curves from (0, 0) to (1, 1).
+
+    Raises
+    ------
+    InputError
+        As `as_curves`; also for a curve that falls or whose ends are off by more than `tolerance`.
+    """
+    batch = as_curves(curves)
+    drop = -np.diff(batch, axis=1).min(axis=1)
+    if drop.max() > tolerance:
+        row = int(np.argmax(drop))
+        raise InputError(f"curve {row} falls by {drop[row]:.3g} between two samples; use a monotone curve or repair()")
+    ends = np.abs(batch[:, [0, -1]] - (0.0, 1.0)).max(axis=1)
+    if ends.max() > tolerance:
+        row = int(np.argmax(ends))
+        raise InputError(f"curve {row} runs from {batch[row, 0]:.4g} to {batch[row, -1]:.4g}; use one from 0 to 1")
+    return batch
+
+
+def evaluate(curves: Array, x: ArrayLike) -> Array:
+    """Evaluate curves between their samples (piecewise linear; held at the ends).
+
+    Parameters
+    ----------
+    curves : ndarray, shape (..., 1024)
+    x : array_like, shape (m,) or (..., m)
+        Positions in [0, 1]; one row for all curves or one row a curve.
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+    """
+    position = np.clip(np.asarray(x, dtype=np.float64), 0.0, 1.0) * (N_SAMPLES - 1)
+    left = np.minimum(position.astype(np.intp), N_SAMPLES - 2)
+    if left.ndim == 1:
+        low, high = curves[..., left], curves[..., left + 1]
+    else:
+        low = np.take_along_axis(curves, left, axis=-1)
+        high = np.take_along_axis(curves, left + 1, axis=-1)
+    return low + (position - left) * (high - low)
+
+
+def resample(x: ArrayLike, y: ArrayLike) -> Array:
+    """Bring one sampled response onto the grid, shifted and scaled to run from (0, 0) to (1, 1).
+
+    Parameters
+    ----------
+    x, y : array_like, shape (m,), m >= 2
+        Positions, strictly increasing, and values, non-decreasing; any units.
+
+    Returns
+    -------
+    ndarray, shape (1024,)
+
+    Raises
+    ------
+    InputError
+        For unequal lengths, values that are not finite, falling values, or no range at all.
+    """
+    positions, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if positions.ndim != 1 or positions.shape != values.shape or len(positions) < 2:
+        raise InputError(f"x has shape {positions.shape} and y {values.shape}; use two equal rows of 2 or more values")
+    if not (np.isfinite(positions).all() and np.isfinite(values).all()):
+        raise InputError("x or y holds NaN or infinite values; use finite numbers")
+    if (np.diff(positions) <= 0).any() or (np.diff(values) < 0).any() or values[0] == values[-1]:
+        raise InputError("x must increase strictly and y must rise without falling; sort or repair the samples first")
+    unit = (positions - positions[0]) / (positions[-1] - positions[0])
+    return np.interp(GRID, unit, (values - values[0]) / (values[-1] - values[0]))
+
+
+def invert(curves: ArrayLike) -> Array:
+    """Invert monotone curves: responses become inverse responses and the other way round.
+
+    Parameters
+    ----------
+    curves : array_like, shape (1024,) or (n, 1024)
+        Valid curves; a plateau inverts to a steep step.
+
+    Returns
+    -------
+    ndarray, shape (1024,) or (n, 1024)
+
+    Raises
+    ------
+    InputError
+        As `as_valid_curves`.
+    """
+    batch = (as_valid_curves(curves) + _TILT * GRID) / (1.0 + _TILT)
+    # Rows shifted apart make one increasing sequence, so one call inverts them all.
+    shift = 2.0 * np.arange(len(batch))[:, None]
+    flat = np.interp((GRID + shift).ravel(), (batch + shift).ravel(), np.tile(GRID, len(batch)))
+    inverse = flat.reshape(batch.shape)
+    inverse[:, 0], inverse[:, -1] = 0.0, 1.0
+    return inverse.reshape(np.shape(curves))
+
+
+def repair(curves: ArrayLike) -> Array:
+    """Return the nearest valid curves: least squares over all monotone curves from (0, 0) to (1, 1).
+
+    Isotonic regression of the inner samples, clipped to [0, 1], is that projection exactly (the bounded
+    isotonic fit is the clipped isotonic fit).
+
+    Parameters
+    ----------
+    curves : array_like, shape (1024,) or (n, 1024)
+
+    Returns
+    -------
+    ndarray, shape (1024,) or (n, 1024)
+    """
+    from scipy.optimize import isotonic_regression
+
+    batch = as_curves(curves).copy()
+    inner = batch[:, 1:-1]
+    for row in np.flatnonzero((np.diff(inner, axis=1) < 0).any(axis=1)):
+        inner[row] = isotonic_regression(inner[row]).x
+    np.clip(batch, 0.0, 1.0, out=batch)
+    batch[:, 0], batch[:, -1] = 0.0, 1.0
+    return batch.reshape(np.shape(curves))

@@ -1,0 +1,143 @@
+"""Download the data sets that are not shipped, on request only.
+
+Every file is written aside, checked, and only then renamed: by its SHA-256 or, for the official DoRF zip, of which
+no checksum is published, by the curves inside. A file that is there and right is not fetched again, so a download
+that broke off goes on where it stopped. Only a killed process leaves its temporary file (``tmp...``) behind, which
+nothing reads.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pooch
+import requests
+from tqdm import tqdm
+
+from crfbench.datasets.dorf import read_official
+from crfbench.datasets.registry import DataSet, RemoteFile, folders, known
+from crfbench.errors import CrfbenchError, FetchError, InputError
+
+# Seconds to wait for the connection, and for the next bytes.
+TIMEOUT = (30.0, 30.0)
+
+# What stands in for a checksum, by path.
+_CHECKS: dict[str, Callable[[Path], object]] = {"dorf/dorfCurves.zip": read_official}
+# With more files than this one bar counts files; else each file has a bar that counts bytes.
+_FEW = 5
+
+
+def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = None, progress: bool = True) -> list[Path]:
+    """Download a data set, or all of them, and return the paths of its files.
+
+    Parameters
+    ----------
+    key : str
+        "dorf", "emor", "middlebury" or "all"; "opencrf" is shipped and gives an empty list.
+    folder : path, optional
+        Data folder to fill; else ``$CRFBENCH_DATA`` if set, else the user cache. Another folder is found again
+        only once ``CRFBENCH_DATA`` names it.
+    mirror : str, optional
+        Base URL under which the files lie as they do in the data folder, for example
+        ``https://example.org/crf-data`` for ``https://example.org/crf-data/dorf/emor.txt``.
+    progress : bool
+        Show progress bars on standard error.
+
+    Raises
+    ------
+    InputError
+        For an unknown key, or a mirror that is no web address.
+    FetchError
+        If a file cannot be had; files that arrived before it stay. With "all", the other sets are still fetched.
+    """
+    sets = _chosen(key)
+    if mirror is not None and not mirror.startswith(("http://", "https://")):
+        raise InputError(f"mirror={mirror!r} is no web address; use one that starts with http:// or https://")
+    target = Path(folder) if folder is not None else folders()[0]
+    paths, failures = [], []
+    with _quiet_pooch():
+        for entry in sets:
+            try:
+                paths += _fetch_set(entry, target.expanduser(), mirror, progress)
+            except FetchError as error:
+                failures.append(str(error))
+    if failures:
+        raise FetchError("; ".join(failures))
+    return paths
+
+
+def _chosen(key: str) -> list[DataSet]:
+    if key == "all":
+        return list(known().values())
+    if key not in known():
+        raise InputError(f"key={key!r} is no known data set; use 'all' or one of {', '.join(known())}")
+    return [known()[key]]
+
+
+@contextmanager
+def _quiet_pooch() -> Iterator[None]:
+    """Silence pooch's line a file, which would break the progress bars."""
+    logger = pooch.get_logger()
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def _fetch_set(entry: DataSet, target: Path, mirror: str | None, progress: bool) -> list[Path]:
+    many = len(entry.files) > _FEW
+    files = tqdm(entry.files, desc=entry.key, unit="file", disable=not (progress and many), ncols=79)
+    return [_fetch_file(file, entry.key, target, mirror, progress and not many) for file in files]
+
+
+def _fetch_file(file: RemoteFile, key: str, target: Path, mirror: str | None, progress: bool) -> Path:
+    path = target / file.path
+    url = f"{mirror.rstrip('/')}/{file.path}" if mirror else file.url
+    try:
+        if file.sha256 is None and path.exists() and not _passes(path, file):
+            path.unlink()
+        return Path(_retrieve(file, url, path, progress))
+    except (CrfbenchError, OSError, ValueError) as error:
+        advice = f"try 'crfbench fetch {key}' again later or with --mirror"
+        usable = f" ({file.without})" if file.without else ""
+        raise FetchError(f"{url} could not be fetched: {_reason(error, path)}; {advice}{usable}") from error
+
+
+def _retrieve(file: RemoteFile, url: str, path: Path, progress: bool) -> str:
+    download = pooch.HTTPDownloader(progressbar=progress, timeout=TIMEOUT)
+
+    def download_and_check(url: str, output: str, pooch_: object) -> None:
+        download(url, output, pooch_)
+        if file.sha256 is None:
+            _CHECKS[file.path](Path(output))
+
+    checksum = f"sha256:{file.sha256}" if file.sha256 else None
+    fetched: str = pooch.retrieve(url, checksum, path.name, path.parent, downloader=download_and_check)
+    return fetched
+
+
+def _passes(path: Path, file: RemoteFile) -> bool:
+    try:
+        _CHECKS[file.path](path)
+    except CrfbenchError:
+        return False
+    return True
+
+
+def _reason(error: Exception, path: Path) -> str:
+    """Say in a few words what came instead of the file."""
+    if isinstance(error, requests.HTTPError) and error.response is not None:
+        return f"the server answered {error.response.status_code} {error.response.reason}"
+    # A stall in the middle of a body is reported as a connection error.
+    if isinstance(error, requests.Timeout) or "timed out" in str(error):
+        return f"the server was silent for more than {TIMEOUT[1]:g} s"
+    if isinstance(error, requests.RequestException):
+        return f"the connection failed or broke off ({type(error).__name__})"
+    if isinstance(error, CrfbenchError):
+        return f"what came is not this file ({error})"
+    if isinstance(error, OSError):
+        return f"{path} cannot be written ({error.strerror or error})"
+    return "what came has another SHA-256 than the file should have"

@@ -1,0 +1,73 @@
+"""Folds that keep related curves together, so that a test curve has no near copy in the training set."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import pdist, squareform
+
+from crfbench.curves import N_SAMPLES, as_curves
+from crfbench.errors import InputError
+
+Labels = np.ndarray[tuple[int], np.dtype[np.intp]]
+
+
+def near_copies(curves: ArrayLike, tolerance: float = 0.01) -> Labels:
+    """Group curves that chain within an RMSE of `tolerance` (single linkage).
+
+    Parameters
+    ----------
+    curves : array_like, shape (n, 1024)
+    tolerance : float
+        Curves closer than this (RMSE, brightness from 0 to 1) share a group.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Group of each curve, numbered by first appearance.
+    """
+    rmse = squareform(pdist(as_curves(curves))) / np.sqrt(N_SAMPLES)
+    return connected_components(csr_array(rmse < tolerance), directed=False)[1].astype(np.intp)
+
+
+def group_labels(units: Sequence[str]) -> Labels:
+    """Return the number of each curve's unit, counted by first appearance; shape (n,)."""
+    number = {unit: position for position, unit in enumerate(dict.fromkeys(units))}
+    return np.array([number[unit] for unit in units], dtype=np.intp)
+
+
+def grouped_folds(labels: ArrayLike, n_folds: int = 5) -> Labels:
+    """Deal whole groups to folds of about equal size.
+
+    The largest group goes first (of equals, the one that appears first), each to the fold that holds the fewest
+    curves so far (of equals, the first). No chance is involved.
+
+    Parameters
+    ----------
+    labels : array_like of int, shape (n,)
+        Group of each curve, from `near_copies` or `group_labels`.
+    n_folds : int
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Fold of each curve, 0 to ``n_folds - 1``.
+
+    Raises
+    ------
+    InputError
+        For fewer than two folds, or fewer groups than folds.
+    """
+    row = np.asarray(labels)
+    if row.ndim != 1:
+        raise InputError(f"labels have shape {row.shape}; use one a curve, (n,)")
+    groups, first, group, sizes = np.unique(row, return_index=True, return_inverse=True, return_counts=True)
+    if not 2 <= n_folds <= len(groups):
+        raise InputError(f"n_folds={n_folds} does not fit {len(groups)} groups; use 2 or more, at most one a group")
+    load, fold = np.zeros(n_folds, dtype=np.intp), np.zeros(len(groups), dtype=np.intp)
+    for member in np.lexsort((first, -sizes)):
+        fold[member] = np.argmin(load)
+        load[fold[member]] += sizes[member]
+    return fold[group]

@@ -1,0 +1,66 @@
+"""OpenCRF: response curves that may be shared, from makers' film data sheets and published camera standards.
+
+127 curves of 49 film stocks and 40 transfer functions of cameras. It holds no measured digital camera.
+`data/SOURCES.md` tells where the numbers come from, `scripts/build_opencrf.py` how they were made.
+"""
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from crfbench.datasets.responses import Responses
+from crfbench.errors import FormatError, InputError
+from crfbench.resources import shipped
+
+TIERS = ("core", "hdr", "all")
+
+_LABELS = {"names": "name", "units": "unit", "families": "family", "sources": "source", "licences": "licence"}
+# What NumPy and zipfile raise on bytes that are no npz file, or one that was cut or altered.
+_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
+
+
+def load_opencrf(tier: str = "core") -> Responses:
+    """Load OpenCRF.
+
+    Parameters
+    ----------
+    tier : {"core", "hdr", "all"}
+        "core": films, and transfer functions no steeper than measured responses are. "hdr": logarithmic
+        curves that spend more than 40 % of the brightness on the darkest 1 % of the irradiance.
+
+    Returns
+    -------
+    Responses
+        151, 16 or 167 curves.
+
+    Raises
+    ------
+    InputError
+        For another tier.
+    FormatError
+        If the shipped file is missing or damaged.
+    """
+    if tier not in TIERS:
+        raise InputError(f"tier={tier!r} is not known; use one of {', '.join(TIERS)}")
+    responses, tiers = _read(shipped("data/opencrf.npz"))
+    return responses if tier == "all" else responses.select(tiers == tier)
+
+
+def _read(path: Path) -> tuple[Responses, np.ndarray]:
+    """Read the whole file: the curves and the tier of each."""
+    try:
+        _check_sums(path)
+        with np.load(path, allow_pickle=False) as file:
+            labels = {column: tuple(file[key].tolist()) for column, key in _LABELS.items()}
+            return Responses("opencrf", file["curves"], **labels), file["tier"]
+    except _DAMAGE as error:
+        raise FormatError(f"{path} is missing or damaged ({error}); install crfbench again to restore it") from error
+
+
+def _check_sums(path: Path) -> None:
+    """Raise unless every checksum is right: NumPy itself interprets bytes before their checksum is known."""
+    with zipfile.ZipFile(path) as archive:
+        if (broken := archive.testzip()) is not None:
+            raise zipfile.BadZipFile(f"wrong checksum of {broken}")

@@ -1,0 +1,93 @@
+"""A set of response curves with what is known of each: the one thing that every loader of curves returns."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crfbench.curves import Array, as_valid_curves, check_direction, invert
+from crfbench.errors import InputError
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Responses:
+    """Measured or published responses and, one entry a curve, where each comes from.
+
+    Parameters
+    ----------
+    dataset : str
+        Name of the set, for example "opencrf".
+    curves : array_like, shape (n, 1024)
+        Forward responses (irradiance to brightness), monotone, from (0, 0) to (1, 1); kept read-only.
+    names : tuple of str, length n
+        Name of each curve.
+    units : tuple of str, length n
+        The film, camera or standard that each curve belongs to: curves of one unit are not independent,
+        so no split may part them.
+    families : tuple of str, length n
+        Kind of each curve, for example "film-negative".
+    sources : tuple of str, length n
+        Where each curve was taken from.
+    licences : tuple of str, length n
+        SPDX identifier of the licence of each curve, or "unknown".
+
+    Raises
+    ------
+    InputError
+        For a curve that is no response, or columns of unequal length.
+
+    Examples
+    --------
+    >>> from crfbench.datasets.opencrf import load_opencrf
+    >>> load_opencrf()
+    151 responses from opencrf, 73 units
+    """
+
+    dataset: str
+    curves: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    families: tuple[str, ...]
+    sources: tuple[str, ...]
+    licences: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        curves = np.array(as_valid_curves(self.curves))
+        curves.flags.writeable = False
+        object.__setattr__(self, "curves", curves)
+        for column in fields(self)[2:]:
+            labels = tuple(getattr(self, column.name))
+            if len(labels) != len(curves):
+                raise InputError(f"{column.name} has {len(labels)} entries for {len(curves)} curves; use one a curve")
+            object.__setattr__(self, column.name, labels)
+
+    def __len__(self) -> int:
+        """Return the number of curves."""
+        return len(self.curves)
+
+    def __repr__(self) -> str:
+        return f"{len(self)} responses from {self.dataset}, {len(set(self.units))} units"
+
+    def in_direction(self, direction: str) -> Array:
+        """Return the curves as responses ("forward") or as inverse responses ("inverse").
+
+        Returns
+        -------
+        ndarray, shape (n, 1024)
+        """
+        return self.curves if check_direction(direction) == "forward" else invert(self.curves)
+
+    def select(self, which: ArrayLike) -> "Responses":
+        """Return the chosen curves as a set of their own.
+
+        Parameters
+        ----------
+        which : array_like of bool, shape (n,), or of int, shape (m,)
+            A mask over the curves, or positions in the order wanted.
+        """
+        try:
+            rows = np.atleast_1d(np.arange(len(self))[np.asarray(which)]).tolist()
+        except IndexError as error:
+            raise InputError(f"which={which!r} does not select from {len(self)} curves: {error}") from None
+        columns = {column.name: tuple(getattr(self, column.name)[row] for row in rows) for column in fields(self)[2:]}
+        return Responses(self.dataset, self.curves[rows], **columns)

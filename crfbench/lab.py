@@ -1,0 +1,46 @@
+"""Open the notebooks in JupyterLab, in a folder of the user's."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from crfbench.resources import shipped
+
+START = "0-start-here.ipynb"
+
+
+def copy_notebooks(folder: Path) -> list[Path]:
+    """Copy the shipped notebooks into `folder`, leaving those already there as they are.
+
+    Returns
+    -------
+    list of Path
+        The notebooks that were copied.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    copied = []
+    for notebook in sorted(shipped("notebooks").glob("*.ipynb")):
+        target = folder / notebook.name
+        if not target.exists():
+            shutil.copyfile(notebook, target)
+            copied.append(target)
+    return copied
+
+
+def open_lab(folder: Path, extra: list[str]) -> int:
+    """Run JupyterLab on `folder` until it is stopped and return its exit status.
+
+    It listens on this machine only and keeps its token; the address with the token is printed by JupyterLab.
+
+    Parameters
+    ----------
+    folder : Path
+    extra : list of str
+        More options for ``jupyter lab``, for example ``--no-browser``.
+    """
+    command = [sys.executable, "-m", "jupyterlab", "--ServerApp.ip=127.0.0.1", f"--ServerApp.root_dir={folder}"]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        command.append("--allow-root")  # containers run as root; the server still listens on this machine only
+    return subprocess.run([*command, str(folder / START), *extra], check=False).returncode  # noqa: S603

@@ -1,0 +1,182 @@
+"""What every response model can do.
+
+A model turns parameters ``(n, k)`` into curves ``(n, 1024)`` of one direction. To add one, write a class with
+`decode`, `jacobian` and `fit` in a file of its own and give it a line in ``models/__init__.py``:
+
+>>> import numpy as np
+>>> from crfbench.models import Gamma
+>>> model = Gamma(direction="inverse")
+>>> model.decode([2.2]).shape
+(1024,)
+>>> float(np.round(model.fit(model.decode([[2.2]]))[0, 0], 6))
+2.2
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crfbench.curves import Array, Direction, as_curves, check_direction, repair
+from crfbench.errors import InputError
+from crfbench.numerics import levenberg_marquardt, normal_equations
+
+#: From parameters (m, k) to values (m, p) and their Jacobians (m, p, k).
+Evaluation = Callable[[Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A normal distribution over the free parameters of a model.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (k,)
+    covariance : ndarray, shape (k, k)
+    """
+
+    mean: Array
+    covariance: Array
+
+    @classmethod
+    def from_samples(cls, free: Array) -> Self:
+        """Take mean and covariance from free parameters of shape (n, k), n > 1."""
+        return cls(free.mean(axis=0), np.atleast_2d(np.cov(free, rowvar=False)))
+
+    def sample(self, n: int, seed: int) -> Array:
+        """Draw free parameters, shape (n, k)."""
+        return np.random.default_rng(seed).multivariate_normal(self.mean, self.covariance, size=n)
+
+
+class ResponseModel(ABC):
+    """A family of response curves with `n_params` parameters.
+
+    Parameters
+    ----------
+    n_params : int
+    direction : {"forward", "inverse"}
+        Whether a curve is a response (irradiance to brightness) or an inverse response.
+
+    Attributes
+    ----------
+    prior_ : Prior or None
+        Learned by `learn_prior`.
+    """
+
+    name: ClassVar[str]
+    #: Whether `from_curves` learns the shape of the family from its curves.
+    learns: ClassVar[bool] = False
+
+    def __init__(self, n_params: int, direction: Direction) -> None:
+        if not isinstance(n_params, int | np.integer) or n_params < 1:
+            raise InputError(f"n_params={n_params!r} does not fit {self.name}; use a whole number from 1")
+        self.n_params = int(n_params)
+        self.direction = check_direction(direction)
+        self.prior_: Prior | None = None
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(n_params={self.n_params}, direction={self.direction!r})"
+
+    @classmethod
+    @abstractmethod
+    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
+        """Build the model, learning from training curves (n, 1024) of that direction whatever it learns."""
+
+    @abstractmethod
+    def decode(self, params: ArrayLike) -> Array:
+        """Turn parameters (..., k) into curves (..., 1024)."""
+
+    @abstractmethod
+    def jacobian(self, params: ArrayLike) -> Array:
+        """Return the derivatives of the curves by the parameters: (..., k) gives (..., 1024, k)."""
+
+    @abstractmethod
+    def fit(self, curves: ArrayLike) -> Array:
+        """Return the parameters (n, k) with the least MSE to each of the curves (n, 1024)."""
+
+    def to_free(self, params: Array) -> Array:
+        """Map parameters to unbounded ones, the space of the prior and of every search; identity here."""
+        return params
+
+    def from_free(self, free: Array) -> Array:
+        """Undo `to_free`."""
+        return free
+
+    def free_slope(self, params: Array) -> Array:
+        """Return the derivative of each parameter by its free one, shape (..., k)."""
+        return np.ones_like(params)
+
+    def learn_prior(self, curves: ArrayLike) -> Self:
+        """Set `prior_` to the mean and covariance of the free parameters fitted to `curves` (n, 1024)."""
+        self.prior_ = Prior.from_samples(self.to_free(self.fit(curves)))
+        return self
+
+    def nearest_valid(self, params: ArrayLike) -> Array:
+        """Return the nearest monotone curves from (0, 0) to (1, 1) to the decoded ones, (..., 1024)."""
+        return repair(self.decode(params))
+
+    def _params(self, params: ArrayLike) -> Array:
+        """Check parameters of shape (..., k)."""
+        p = np.asarray(params, dtype=np.float64)
+        if p.ndim < 1 or p.shape[-1] != self.n_params:
+            raise InputError(f"params of shape {p.shape} do not fit {self!r}; use (..., {self.n_params})")
+        if not np.isfinite(p).all():
+            raise InputError(f"params for {self!r} hold NaN or infinite values; use finite numbers")
+        return p
+
+
+def refine(model: ResponseModel, targets: Array, starts: Array, evaluate: Evaluation | None = None) -> Array:
+    """Polish starts by batched least squares in free parameters and keep the best end of each curve.
+
+    Parameters
+    ----------
+    model : ResponseModel
+    targets : ndarray, shape (n, p)
+        Curves, or some samples of them.
+    starts : ndarray, shape (n, s, k)
+        Parameters to start from, `s` for each curve.
+    evaluate : callable, optional
+        From parameters (m, k) to values (m, p) and their Jacobians (m, p, k); by default the whole curves.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+    """
+    n, s, k = starts.shape
+    owner = np.repeat(np.arange(n), s)
+    evaluate = evaluate or (lambda params: (model.decode(params), model.jacobian(params)))
+
+    def objective(free: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
+        params = model.from_free(free)
+        values, jacobian = evaluate(params)
+        return normal_equations(values - targets[owner[rows]], jacobian * model.free_slope(params)[:, None, :])
+
+    free, cost = levenberg_marquardt(objective, model.to_free(starts).reshape(n * s, k))
+    best = np.argmin(cost.reshape(n, s), axis=1)
+    return model.from_free(free.reshape(n, s, k)[np.arange(n), best])
+
+
+def nearest_in_table(curves: ArrayLike, table: Array, decoded: Array, n_best: int) -> Array:
+    """Return the `n_best` rows of a parameter table whose curves lie nearest to each curve.
+
+    One matrix product measures all distances: |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and |a|^2 ranks nothing. Every
+    eighth sample is enough to rank.
+
+    Parameters
+    ----------
+    curves : array_like, shape (n, 1024)
+    table : ndarray, shape (t, k)
+    decoded : ndarray, shape (t, 1024)
+        The curves of the table.
+    n_best : int
+
+    Returns
+    -------
+    ndarray, shape (n, n_best, k)
+    """
+    thin = decoded[:, ::8]
+    distance = (thin**2).sum(axis=1) - 2.0 * as_curves(curves)[:, ::8] @ thin.T
+    return table[np.argpartition(distance, n_best - 1, axis=1)[:, :n_best]]

@@ -1,0 +1,69 @@
+"""Empirical model of response: f = f0 + H c, the first k principal components of measured responses.
+
+The paper's eq. 1; Grossberg and Nayar 2004, doi:10.1109/TPAMI.2004.88.
+"""
+
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crfbench.curves import Array, Direction, as_curves
+from crfbench.errors import InputError
+from crfbench.models.base import ResponseModel
+
+
+class EMoR(ResponseModel):
+    """Coefficients of the first k components; ends are right, monotonicity is not guaranteed.
+
+    Parameters
+    ----------
+    mean : array_like, shape (1024,)
+        The base function f0 (or g0 for inverse responses).
+    components : array_like, shape (m, 1024)
+        Orthonormal eigenvectors, the largest eigenvalue first.
+    n_params : int
+        How many components to use, at most m.
+    direction : {"forward", "inverse"}
+    """
+
+    name = "EMoR"
+    learns = True
+
+    def __init__(
+        self, mean: ArrayLike, components: ArrayLike, n_params: int = 3, direction: Direction = "forward"
+    ) -> None:
+        super().__init__(n_params, direction)
+        basis = as_curves(components)
+        if n_params > len(basis):
+            raise InputError(f"n_params={n_params} does not fit a basis of {len(basis)}; use 1 to {len(basis)}")
+        self.mean_ = as_curves(mean)[0]
+        self.components_ = basis[:n_params]
+
+    @classmethod
+    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
+        """Learn mean and components from training curves (n, 1024), n > `n_params`."""
+        batch = as_curves(curves)
+        mean = batch.mean(axis=0)
+        components = np.linalg.svd(batch - mean, full_matrices=False)[2][: len(batch) - 1]
+        return cls(mean, _signed(components), n_params, direction)
+
+    def decode(self, params: ArrayLike) -> Array:
+        """Turn coefficients (..., k) into curves (..., 1024)."""
+        return self.mean_ + self._params(params) @ self.components_
+
+    def jacobian(self, params: ArrayLike) -> Array:
+        """d f / d c = H, for any coefficients."""
+        shape = self._params(params).shape[:-1]
+        return np.broadcast_to(self.components_.T, (*shape, *self.components_.T.shape)).copy()
+
+    def fit(self, curves: ArrayLike) -> Array:
+        """Project all curves onto the components (least squares, so rounding in a printed basis does no harm)."""
+        centred = as_curves(curves) - self.mean_
+        return np.asarray(np.linalg.lstsq(self.components_.T, centred.T, rcond=None)[0].T)
+
+
+def _signed(components: Array) -> Array:
+    """Fix the sign that PCA leaves open: each component's largest sample is positive."""
+    peak = np.take_along_axis(components, np.abs(components).argmax(axis=1)[:, None], axis=1)
+    return components * np.sign(peak)

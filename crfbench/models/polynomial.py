@@ -1,0 +1,40 @@
+"""Polynomial: f(x) = sum_{i=1}^{d} w_i x^i.
+
+The paper's eq. 2; Mitsunaga and Nayar 1999, doi:10.1109/CVPR.1999.786966.
+"""
+
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crfbench.curves import GRID, Array, Direction, as_curves
+from crfbench.models.base import ResponseModel
+
+
+class Polynomial(ResponseModel):
+    """Powers 1 to d of x, so f(0) = 0; nothing makes f(1) = 1 or the curve monotone."""
+
+    name = "Polynomial"
+
+    def __init__(self, n_params: int = 3, direction: Direction = "forward") -> None:
+        super().__init__(n_params, direction)
+        self._powers = GRID ** np.arange(1, self.n_params + 1)[:, None]
+
+    @classmethod
+    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
+        """Build the model; there is nothing to learn."""
+        return cls(n_params, direction)
+
+    def decode(self, params: ArrayLike) -> Array:
+        """Turn coefficients (..., d) into curves (..., 1024)."""
+        return self._params(params) @ self._powers
+
+    def jacobian(self, params: ArrayLike) -> Array:
+        """d f / d w_i = x^i, for any coefficients."""
+        shape = self._params(params).shape[:-1]
+        return np.broadcast_to(self._powers.T, (*shape, *self._powers.T.shape)).copy()
+
+    def fit(self, curves: ArrayLike) -> Array:
+        """Solve the linear least squares of all curves at once."""
+        return np.asarray(np.linalg.lstsq(self._powers.T, as_curves(curves).T, rcond=None)[0].T)

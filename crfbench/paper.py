@@ -1,0 +1,75 @@
+"""Every number that the paper reports, to compare with.
+
+Zhao, Ferguson, Zhou and Rafferty, "Representing Camera Response Function by a Single Latent Variable and Fully
+Connected Neural Network" (2022). Figures only; what they mean is said beside each table.
+"""
+
+from decimal import Decimal
+
+#: Table 1, "DoRF curves fitting": mean RMSE as the paper calls it, by model and number of parameters. Kept as
+#: text, for the digits printed are part of the figure. The SLR figure is 5.61E-4 in the paper's running text.
+FITTING: dict[tuple[str, int], str] = {
+    ("SLR", 1): "5.57E-4",
+    ("Gamma", 1): "7.34E-3",
+    ("Polynomial", 1): "8.79E-3",
+    ("Polynomial", 2): "2.36E-2",
+    ("Polynomial", 3): "2.50E-2",
+    ("Polynomial", 4): "2.90E-2",
+    ("GGCM", 1): "6.65E-3",
+    ("GGCM", 2): "7.55E-3",
+    ("GGCM", 3): "7.06E-3",
+    ("GGCM", 4): "6.76E-3",
+    ("EMoR", 1): "3.60E-2",
+    ("EMoR", 2): "1.24E-2",
+    ("EMoR", 3): "5.71E-3",
+    ("EMoR", 4): "3.21E-3",
+}
+
+#: Table 2, "Stability": total variance between inverse responses from 3, 6, 12 and 24 patches (Canon PowerShot G9).
+STABILITY: dict[str, float] = {"SLR": 0.66, "Polynomial": 1.63, "GGCM": 8.11, "EMoR": 3.87}
+
+#: Columns of Table 3: statistics of the RMSE over 14 cameras, and seconds for all of them.
+CALIBRATION_COLUMNS = ("mean", "median", "sd", "max", "p95", "seconds")
+
+#: Table 3, "Camera radiometric calibration", by model, constraint and number of parameters.
+CALIBRATION: dict[tuple[str, str, int], tuple[float, ...]] = {
+    ("SLR", "ldl", 1): (0.062, 0.056, 0.056, 0.106, 0.101, 57.4),
+    ("SLR", "auc", 1): (0.105, 0.092, 0.064, 0.252, 0.213, 43.1),
+    ("SLR", "aae", 1): (0.064, 0.057, 0.027, 0.131, 0.107, 56.4),
+    ("SLR", "vae", 1): (0.063, 0.054, 0.025, 0.108, 0.107, 57.0),
+    ("SLR", "baseline", 1): (0.075, 0.067, 0.039, 0.193, 0.138, 58.5),
+    ("SLR", "ldl", 3): (0.097, 0.097, 0.050, 0.184, 0.181, 61.1),
+    ("SLR", "aae", 3): (0.063, 0.051, 0.038, 0.178, 0.122, 60.6),
+    ("SLR", "vae", 3): (0.091, 0.091, 0.038, 0.145, 0.139, 62.1),
+    ("SLR", "baseline", 3): (0.120, 0.120, 0.051, 0.251, 0.195, 59.72),
+    ("Gamma", "", 1): (0.092, 0.080, 0.040, 0.164, 0.162, 112.6),
+    ("Polynomial", "", 3): (0.074, 0.070, 0.027, 0.156, 0.118, 129.6),
+    ("GGCM", "", 3): (0.124, 0.125, 0.055, 0.222, 0.210, 143.3),
+    ("EMoR", "", 3): (0.154, 0.105, 0.121, 0.474, 0.408, 138.1),
+}
+
+#: The difference in RMSE that the paper calls significant in calibration.
+SIGNIFICANT_RMSE = 0.005
+
+
+def verdict(ours: float, printed: str | None) -> str:
+    """Judge a figure by the digits the paper printed.
+
+    Parameters
+    ----------
+    ours : float
+    printed : str or None
+        The paper's figure as printed, or None where it gives none for this case.
+
+    Returns
+    -------
+    str
+        "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit;
+        "differs" when it is not; "not comparable" without a figure.
+    """
+    if printed is None:
+        return "not comparable"
+    figure = Decimal(printed)
+    unit = Decimal(1).scaleb(int(figure.as_tuple().exponent))
+    rounded = Decimal(repr(float(ours))).quantize(unit)
+    return "reproduced" if abs(rounded - figure) <= unit else "differs"

@@ -1,0 +1,145 @@
+"""Figures: arrays and tables in, matplotlib Axes out. Nothing is fitted here."""
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+
+from crfbench.curves import GRID, Direction, axis_labels
+from crfbench.paper import FITTING
+
+#: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
+
+
+def _axes(ax: Axes | None, width: float = 6.0, height: float = 4.5) -> Axes:
+    return ax if ax is not None else plt.subplots(figsize=(width, height), layout="constrained")[1]
+
+
+def _unit_square(ax: Axes, direction: Direction) -> None:
+    x_label, y_label = axis_labels(direction)
+    ax.set(xlabel=x_label, ylabel=y_label, xlim=(0, 1), ylim=(0, 1), aspect="equal")
+    ax.plot([0, 1], [0, 1], color="0.6", lw=0.8, ls=":", zorder=0)
+
+
+def plot_curves(
+    curves: ArrayLike, kinds: Sequence[str] | None = None, direction: Direction = "forward", ax: Axes | None = None
+) -> Axes:
+    """Draw many curves thinly, coloured by kind: the paper's figure of its data set.
+
+    Parameters
+    ----------
+    curves : array_like, shape (n, 1024)
+    kinds : sequence of str, length n, optional
+        Family of each curve; the legend counts them.
+    """
+    ax, batch = _axes(ax), np.atleast_2d(curves)
+    labels = np.asarray(kinds if kinds is not None else [""] * len(batch))
+    names, counts = np.unique(labels, return_counts=True)
+    for i, (name, count) in enumerate(zip(names, counts, strict=True)):
+        lines = ax.plot(GRID, batch[labels == name].T, color=PALETTE[i % len(PALETTE)], lw=0.6, alpha=0.55)
+        lines[0].set_label(f"{name} ({count})")
+    if kinds is not None:
+        for handle in ax.legend(loc="lower right", fontsize="small").get_lines():
+            handle.set(linewidth=2.0, alpha=1.0)
+    _unit_square(ax, direction)
+    return ax
+
+
+def plot_spread(sets: Mapping[str, ArrayLike], ax: Axes | None = None) -> Axes:
+    """Draw the mean and the 5 to 95 % band of several sets of responses, each (n, 1024)."""
+    ax = _axes(ax)
+    for (name, curves), colour, style in zip(sets.items(), PALETTE, _STYLES, strict=False):
+        low, high = np.percentile(np.asarray(curves), (5, 95), axis=0)
+        ax.fill_between(GRID, low, high, color=colour, alpha=0.18, lw=0)
+        ax.plot(GRID, np.mean(np.asarray(curves), axis=0), color=colour, ls=style, label=f"{name}: mean, 5 to 95 %")
+    ax.legend(loc="lower right", fontsize="small")
+    _unit_square(ax, "forward")
+    return ax
+
+
+def plot_patches(patches: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Scatter JPEG against RAW intensity of colour chart patches, one colour and marker a camera.
+
+    Parameters
+    ----------
+    patches : DataFrame
+        With columns camera, jpeg and raw (intensities in [0, 1]).
+    """
+    ax = _axes(ax, 7.0)
+    for i, (camera, rows) in enumerate(patches.groupby("camera")):
+        marker, colour = _MARKERS[i % len(_MARKERS)], PALETTE[i % (len(PALETTE) - 1)]
+        filled = colour if i < len(_MARKERS) else "none"
+        ax.scatter(rows["raw"], rows["jpeg"], s=7, marker=marker, lw=0.6, ec=colour, fc=filled, label=str(camera))
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="x-small", markerscale=2.0)
+    _unit_square(ax, "forward")
+    ax.set(xlabel="RAW intensity (share of full scale)", ylabel="JPEG intensity (share of full scale)")
+    return ax
+
+
+def plot_comparison(
+    curve: ArrayLike, fits: Mapping[str, ArrayLike], direction: Direction = "forward", ax: Axes | None = None
+) -> Axes:
+    """Draw one curve in grey and fits of it, each (1024,), in colour."""
+    ax = _axes(ax)
+    ax.plot(GRID, np.asarray(curve), color="0.7", lw=5, label="measured")
+    for (name, fit), colour, style in zip(fits.items(), PALETTE, _STYLES, strict=False):
+        ax.plot(GRID, np.asarray(fit), color=colour, ls=style, lw=1.4, label=name)
+    ax.legend(loc="lower right" if direction == "forward" else "upper left", fontsize="small")
+    _unit_square(ax, direction)
+    ax.set_ylim(-0.02, 1.06)  # fits may leave the range of a response
+    return ax
+
+
+def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes | None = None) -> Axes:
+    """Draw mean RMSE by number of parameters: in sample filled, held out hollow, the paper's figures as crosses.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `crfbench.tables.fitting.fitting_table`.
+    """
+    ax = _axes(ax, 7.0)
+    rows = table[table["direction"] == direction]
+    for i, (model, group) in enumerate(rows.groupby("model", sort=False)):
+        parts = [group[group["split"] == split].sort_values("n_params") for split in ("in-sample", "grouped-5fold")]
+        look = {"color": PALETTE[i], "marker": _MARKERS[i]}
+        ax.plot(parts[0]["n_params"], parts[0]["mean_rmse"], label=str(model), **look)
+        if list(parts[1]["mean_rmse"]) != list(parts[0]["mean_rmse"]):  # the others learn nothing: one line is both
+            ax.plot(parts[1]["n_params"], parts[1]["mean_rmse"], ls=":", mfc="white", **look)
+        printed = [(k, float(v)) for (name, k), v in FITTING.items() if name == model and direction == "forward"]
+        if printed:
+            ax.scatter(
+                [k for k, _ in printed], [value for _, value in printed], marker="x", s=60, color=PALETTE[i], zorder=3
+            )
+    ax.plot([], [], color="0.4", ls=":", marker="o", mfc="white", label="held out (grouped 5-fold), where it differs")
+    if direction == "forward":
+        ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's figure, same colour")
+    ax.set(
+        xlabel="number of parameters",
+        ylabel="mean RMSE (share of the curve's range)",
+        yscale="log",
+        xticks=[1, 2, 3, 4],
+    )
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    ax.grid(axis="y", which="both", lw=0.3)
+    return ax
+
+
+def plot_validity(table: pd.DataFrame, direction: Direction = "forward", ax: Axes | None = None) -> Axes:
+    """Draw the share of in-sample fits that fall somewhere or leave [0, 1]: fits that are no responses."""
+    ax = _axes(ax, 7.0, 4.0)
+    rows = table[(table["direction"] == direction) & (table["split"] == "in-sample")]
+    place = np.arange(len(rows))
+    ax.bar(place - 0.2, 100 * rows["nonmonotone"], 0.4, color=PALETTE[0], label="falls somewhere")
+    ax.bar(place + 0.2, 100 * rows["out_of_range"], 0.4, color=PALETTE[4], hatch="//", label="leaves 0 to 1")
+    names = [f"{model} {k}" for model, k in zip(rows["model"], rows["n_params"], strict=True)]
+    ax.set_xticks(place, names, rotation=60, ha="right", fontsize="small")
+    ax.set(ylabel="share of fitted curves (%)", xlabel="model and number of parameters", ylim=(0, 100))
+    ax.legend(fontsize="small")
+    return ax

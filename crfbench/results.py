@@ -1,0 +1,104 @@
+"""Rebuild every table and figure into a folder, without a browser."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from crfbench import plots
+from crfbench.datasets import Responses, load_emor_basis, load_patches, load_responses, registry
+from crfbench.datasets.middlebury import patch_intensity
+from crfbench.files import write_atomically
+from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
+from crfbench.tables.fitting import fitting_table
+from crfbench.tables.recorded import load_recorded, to_rows
+
+
+def fitting_tables(which: str = "auto") -> dict[str, pd.DataFrame]:
+    """Return the fitting table of the data asked for; with "auto" and no DoRF, the recorded DoRF table beside it.
+
+    Returns
+    -------
+    dict
+        From a title, which says where the figures come from, to the table.
+    """
+    responses = load_responses(which)
+    tables = {f"{responses.dataset}, computed now": fitting_table(responses)}
+    if which == "auto" and responses.dataset != "dorf":
+        table, provenance = load_recorded("fitting_dorf")
+        tables[f"dorf, recorded with crfbench {provenance['crfbench']} (the curves are not on this machine)"] = table
+    return tables
+
+
+def build_results(folder: Path) -> Iterator[Path]:
+    """Write every table (JSON and CSV) and every figure (PNG and PDF), yielding each path as it is written.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is not there; files of the same names are replaced.
+    """
+    mpl.use("agg")
+    tables = fitting_tables()
+    for title, table in tables.items():
+        yield from _write_table(folder / f"fitting_{title.split(',')[0]}", table)
+    for name, ax in _figures(load_responses("auto"), tables):
+        yield from _write_figure(folder / name, ax)
+
+
+def _write_table(stem: Path, table: pd.DataFrame) -> Iterator[Path]:
+    texts = {".csv": table.to_csv(index=False), ".json": json.dumps(to_rows(table), indent=1) + "\n"}
+    for suffix, text in texts.items():
+        path = stem.with_suffix(suffix)
+        write_atomically(path, text.encode())
+        yield path
+
+
+def _write_figure(stem: Path, ax: Axes) -> Iterator[Path]:
+    figure = ax.get_figure(root=True)
+    assert figure is not None  # noqa: S101  an Axes just drawn always lies in a figure
+    for suffix in (".png", ".pdf"):
+        figure.savefig(stem.with_suffix(suffix), dpi=200)
+        yield stem.with_suffix(suffix)
+    plt.close("all")
+
+
+def _figures(responses: Responses, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str, Axes]]:
+    opencrf = load_responses("opencrf")
+    yield "curves_opencrf", plots.plot_curves(opencrf.curves, opencrf.families)
+    if responses.dataset != "opencrf":
+        yield f"curves_{responses.dataset}", plots.plot_curves(responses.curves, responses.families)
+        yield "spread", plots.plot_spread({"DoRF": responses.curves, "OpenCRF": opencrf.curves})
+    yield "patches", plots.plot_patches(patch_intensity(load_patches()))
+    yield "comparison", comparison(responses)
+    for title, table in tables.items():
+        yield f"fitting_{title.split(',')[0]}", plots.plot_fitting(table)
+        yield f"validity_{title.split(',')[0]}", plots.plot_validity(table)
+
+
+def comparison(responses: Responses, index: int | None = None) -> Axes:
+    """Draw one response and the best fit of every model to it.
+
+    Parameters
+    ----------
+    responses : Responses
+    index : int, optional
+        Which curve; by default the one that a gamma curve fits worst.
+    """
+    curves = responses.curves
+    if index is None:
+        gamma = Gamma()
+        index = int(np.argmax(((gamma.decode(gamma.fit(curves)) - curves) ** 2).sum(axis=1)))
+    target = curves[index]
+    basis = load_emor_basis("forward") if registry.find("dorf/emor.txt") else None
+    emor = EMoR(*basis, 3) if basis else EMoR.from_curves(curves, 3, "forward")
+    models = [Gamma(), Polynomial(3), GGCM(3), emor, PPISP()]
+    fits = {f"{m.name}, {m.n_params} parameter{'s' * (m.n_params > 1)}": m.decode(m.fit(target))[0] for m in models}
+    ax = plots.plot_comparison(target, fits)
+    ax.set_title(responses.names[index])
+    return ax

@@ -1,0 +1,40 @@
+"""Fixtures that several test files share: the real data where they are, and a user cache that is always empty."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from crfbench.datasets import Responses, load_dorf, registry
+
+
+@pytest.fixture(scope="session", autouse=True)
+def empty_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Hide the user's own cache, so that a run depends on CRFBENCH_DATA alone."""
+    cache = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "user_cache_dir", lambda name: str(cache / name))
+        yield cache / "crfbench"
+
+
+@pytest.fixture(scope="session")
+def dorf_curves() -> Responses:
+    if not registry.find("dorf/201_CRF_data.mat"):
+        pytest.skip("DoRF is absent: run 'crfbench fetch dorf' into a folder and set CRFBENCH_DATA to it")
+    return load_dorf()
+
+
+@pytest.fixture(scope="session")
+def emor_files() -> Path:
+    path = registry.find("dorf/emor.txt")
+    if path is None or not registry.find("dorf/invemor.txt"):
+        pytest.skip("EMoR is absent: run 'crfbench fetch emor' into a folder and set CRFBENCH_DATA to it")
+    return path.parent
+
+
+@pytest.fixture(scope="session")
+def middlebury_folder() -> Path:
+    path = registry.find("middlebury/modified_Middlebury")
+    if path is None:
+        pytest.skip("the Middlebury images are absent: run 'crfbench fetch middlebury' and set CRFBENCH_DATA")
+    return path

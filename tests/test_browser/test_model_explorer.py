@@ -1,0 +1,219 @@
+"""ModelExplorer as a user meets it: mouse, keyboard, theme and a narrow window."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crfbench.curves import GRID
+from crfbench.metrics import rmse
+from crfbench.models import GGCM
+
+pytestmark = pytest.mark.browser
+
+NAMES = ["film A", "film B", "camera with a rather long name (red channel)", "film C"]
+CURVES = np.stack(
+    [GRID**0.45, (GRID**0.5 + GRID) / 2, np.sin(GRID * np.pi / 2) ** 0.8, 1.2 * GRID**0.6 / (1 + 0.2 * GRID)]
+)
+CELLS = [
+    """import json
+import numpy as np
+from crfbench.models import GGCM, PPISP, Polynomial
+from crfbench.widgets import ModelExplorer
+names = json.load(open("names.json"))
+explorer = ModelExplorer(names, np.load("curves.npy"), [GGCM(3), Polynomial(4), PPISP()])""",
+    "explorer",
+]
+
+
+@pytest.fixture(scope="module")
+def opened(open_notebook: Callable, lab):
+    np.save(lab.folder / "curves.npy", CURVES)
+    (lab.folder / "names.json").write_text(str(NAMES).replace("'", '"'), encoding="utf-8")
+    page = open_notebook("explorer.ipynb", CELLS)
+    page.wait_for_selector(".crf", timeout=30_000)
+    return page
+
+
+@pytest.fixture
+def page(opened, run_python: Callable):
+    """Return the page with the first curve, GGCM(3) at its mean, and no nearest valid curve."""
+    run_python(opened, "explorer.index, explorer.model_name, explorer.show_valid = 0, 'GGCM(3)', False")
+    opened.wait_for_function("() => document.querySelectorAll('.crf input[type=range]').length === 3")
+    settled(opened)
+    return opened
+
+
+def picture(page) -> str:
+    return page.evaluate("document.querySelector('.crf canvas').toDataURL()")
+
+
+def readout(page, name: str) -> str:
+    return page.locator(".crf-readouts div").filter(has=page.get_by_text(name, exact=True)).locator("dd").inner_text()
+
+
+def settled(page) -> None:
+    """Wait until Python has answered all that the page asked, and the answer is painted."""
+    page.wait_for_selector(".crf[aria-busy=false]")
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def wait_for_change(page, name: str, before: str) -> None:
+    page.wait_for_function(
+        """([name, before]) => [...document.querySelectorAll(".crf-readouts div")].some(
+            (row) => row.firstChild.textContent === name && row.lastChild.textContent !== before)""",
+        arg=[name, before],
+    )
+    settled(page)
+
+
+def drag(page, slider, share: float) -> None:
+    """Drag the thumb from the middle by that share of the slider's length, in many small moves."""
+    box = slider.bounding_box()
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + box["width"] / 2, y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * (0.5 + share), y, steps=25)
+    page.mouse.up()
+
+
+def screenshot(page, name: str) -> None:
+    """Keep a picture of the widget for a look at it, where CRFBENCH_SHOTS names a folder."""
+    if folder := os.environ.get("CRFBENCH_SHOTS"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        page.locator(".jp-OutputArea:has(.crf)").screenshot(path=Path(folder) / f"{name}.png")
+
+
+def test_mouse_drag_changes_curve_and_errors(page, run_python: Callable) -> None:
+    before, errors = picture(page), readout(page, "RMSE")
+    slider = page.get_by_role("slider", name="parameter 1")
+    drag(page, slider, 0.2)
+    wait_for_change(page, "RMSE", errors)
+    # The last position of the drag has arrived, however many were left out on the way.
+    assert float(slider.input_value()) == pytest.approx(0.2 * 8, abs=0.2)
+    held = float(run_python(page, "print(explorer.params[0])"))
+    assert float(slider.get_attribute("aria-valuetext")) == pytest.approx(held, rel=1e-3)
+    assert picture(page) != before
+    assert readout(page, "RMSE") in page.get_by_role("img", name="Curve film A").get_attribute("aria-label")
+
+
+def test_arrow_keys_move_the_slider_and_not_the_notebook(page, run_python: Callable) -> None:
+    errors, params = readout(page, "RMSE"), run_python(page, "print(explorer.params[1])")
+    page.get_by_role("slider", name="parameter 2").focus()
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    wait_for_change(page, "RMSE", errors)
+    assert float(run_python(page, "print(explorer.params[1])")) > float(params)
+    assert page.evaluate("document.activeElement.type") == "range"
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineWidth") == "3px"
+
+
+def test_fit_by_keyboard_gives_the_optimum(page) -> None:
+    model = GGCM(3)
+    best = float(rmse(model.decode(model.fit(CURVES[2])[0]), CURVES[2]))
+    page.get_by_label("Curve", exact=True).select_option(label=NAMES[2])
+    page.get_by_role("button", name="Fit").focus()
+    page.keyboard.press("Enter")
+    page.get_by_text(f"Fitted GGCM(3) to {NAMES[2]}: RMSE {best:.4g}").wait_for()
+    assert float(readout(page, "RMSE")) == pytest.approx(best, rel=1e-3)
+    assert float(readout(page, "MSE")) == pytest.approx(best**2, rel=1e-3)
+
+
+def test_reset_returns_to_the_mean(page) -> None:
+    start = readout(page, "RMSE")
+    page.get_by_role("button", name="Fit").click()
+    wait_for_change(page, "RMSE", start)
+    fitted = readout(page, "RMSE")
+    page.get_by_role("button", name="Reset").click()
+    wait_for_change(page, "RMSE", fitted)
+    assert readout(page, "RMSE") == start
+
+
+def test_another_model_brings_its_sliders(page) -> None:
+    sliders = page.get_by_role("slider")
+    assert sliders.count() == 3
+    page.get_by_label("Model", exact=True).select_option("Polynomial(4)")
+    page.get_by_role("slider", name="parameter 4").wait_for()
+    assert sliders.count() == 4
+
+
+def test_curves_are_turned_round(page) -> None:
+    curve = page.get_by_label("Curve", exact=True)
+    page.get_by_role("button", name="previous curve").click()
+    page.get_by_role("img", name=f"Curve {NAMES[-1]} ").wait_for()
+    assert curve.evaluate("(node) => node.selectedOptions[0].text") == NAMES[-1]
+    page.get_by_role("button", name="next curve").click()
+    page.get_by_role("img", name=f"Curve {NAMES[0]} ").wait_for()
+
+
+def test_a_curve_that_cannot_be_a_response_is_called_so(page, run_python: Callable) -> None:
+    run_python(page, "explorer.model_name = 'Polynomial(4)'; explorer.params = (3.0, -2.0, 0.0, 0.0)")
+    page.get_by_text("falls at 256 samples").wait_for()
+    assert readout(page, "in [0, 1]") == "no"
+    settled(page)
+    before = picture(page)
+    page.get_by_label("show nearest valid curve").check()
+    page.wait_for_function("(before) => document.querySelector('.crf canvas').toDataURL() !== before", arg=before)
+    assert run_python(page, "print(explorer.show_valid)").strip() == "True"
+    screenshot(page, "invalid")
+
+
+def test_python_moves_the_sliders(page, run_python: Callable) -> None:
+    run_python(page, "explorer.params = (2.0, 0.0, 0.0)")
+    page.wait_for_function("() => document.querySelector('.crf input').getAttribute('aria-valuetext') === '2.000'")
+    assert run_python(page, "print(explorer.curve[512] - (512 / 1023) ** 2)").strip() == "0.0"
+
+
+def test_colours_follow_the_theme(page) -> None:
+    page.get_by_role("button", name="Fit").click()
+    page.get_by_text("Fitted GGCM(3)").wait_for()
+    settled(page)
+    light = picture(page)
+    screenshot(page, "light")
+    assert colours(page) == {"#0072B2": True, "#56B4E9": False}
+    switch_theme(page, "JupyterLab Dark", light)
+    screenshot(page, "dark")
+    assert colours(page) == {"#0072B2": False, "#56B4E9": True}
+    switch_theme(page, "JupyterLab Light", picture(page))
+
+
+def switch_theme(page, theme: str, before: str) -> None:
+    page.evaluate("(theme) => jupyterapp.commands.execute('apputils:change-theme', { theme })", theme)
+    page.wait_for_function("(before) => document.querySelector('.crf canvas').toDataURL() !== before", arg=before)
+    page.wait_for_function(
+        """(dark) => document.querySelector(".crf").style.colorScheme === (dark ? "dark" : "light")""",
+        arg=theme.endswith("Dark"),
+    )
+    settled(page)
+
+
+def colours(page) -> dict[str, bool]:
+    """Say which of the two blues is on the canvas."""
+    return page.evaluate(
+        """() => {
+            const canvas = document.querySelector(".crf canvas");
+            const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            const seen = new Set();
+            for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255) {
+                seen.add("#" + [0, 1, 2].map((k) => data[i + k].toString(16).padStart(2, "0")).join("").toUpperCase());
+            }
+            return Object.fromEntries(["#0072B2", "#56B4E9"].map((name) => [name, seen.has(name)]));
+        }"""
+    )
+
+
+def test_fits_a_narrow_window(page) -> None:
+    size = page.viewport_size
+    page.set_viewport_size({"width": 400, "height": 900})
+    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
+    settled(page)
+    screenshot(page, "narrow")
+    overflow = page.evaluate(
+        """() => [...document.querySelectorAll(".crf, .crf *, .jp-OutputArea-output")]
+            .filter((node) => node.clientWidth > 0 && node.scrollWidth > node.clientWidth + 1)
+            .map((node) => `${node.tagName} ${node.className}`)"""
+    )
+    page.set_viewport_size(size)
+    assert overflow == []

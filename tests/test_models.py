@@ -1,0 +1,255 @@
+"""One contract that every model passes, in both directions; then what is special to each."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import differential_evolution, least_squares
+
+from crfbench.curves import GRID, as_valid_curves, invert
+from crfbench.datasets import load_emor_basis, load_opencrf, load_responses
+from crfbench.errors import InputError
+from crfbench.metrics import mse, nonmonotone, off_endpoints, rmse
+from crfbench.models import GGCM, MODELS, PPISP, EMoR, Gamma, Polynomial
+
+CASES = [
+    pytest.param(kind, k, direction, id=f"{kind.name}-{k}-{direction}")
+    for kind, counts in MODELS.items()
+    for k in counts
+    for direction in ("forward", "inverse")
+]
+RESPONSES = load_responses("opencrf")
+TRAIN = {direction: RESPONSES.in_direction(direction) for direction in ("forward", "inverse")}
+SAMPLE = slice(None, None, 12)
+
+
+@pytest.fixture
+def model(kind, k, direction):
+    return kind.from_curves(TRAIN[direction], k, direction).learn_prior(TRAIN[direction][SAMPLE])
+
+
+@pytest.fixture
+def drawn(model):
+    """Parameters from the model's own prior, shape (40, k)."""
+    return model.from_free(model.prior_.sample(40, seed=5))
+
+
+@pytest.mark.parametrize(("kind", "k", "direction"), CASES)
+class TestContract:
+    def test_shapes(self, model, drawn, k):
+        assert model.n_params == k
+        assert model.decode(drawn).shape == (40, 1024)
+        assert model.decode(drawn[0]).shape == (1024,)
+        assert model.decode(drawn.reshape(4, 10, k)).shape == (4, 10, 1024)
+        assert model.jacobian(drawn).shape == (40, 1024, k)
+        assert model.jacobian(drawn[0]).shape == (1024, k)
+        assert np.allclose(model.decode(drawn)[3], model.decode(drawn[3]), atol=1e-12)
+
+    def test_every_curve_starts_at_zero(self, model, drawn):
+        assert np.abs(model.decode(drawn)[:, 0]).max() < 1e-9
+
+    def test_jacobian_agrees_with_finite_differences(self, model, drawn, k):
+        step = 1e-6 * np.maximum(np.abs(drawn), 1e-2)
+        for i in range(k):
+            shift = np.where(np.arange(k) == i, step, 0.0)
+            numeric = (model.decode(drawn + shift) - model.decode(drawn - shift)) / (2 * step[:, i, None])
+            scale = 1.0 + np.abs(numeric).max()
+            assert np.abs(model.jacobian(drawn)[..., i] - numeric).max() < 1e-5 * scale
+
+    def test_fit_recovers_its_own_curves(self, model, drawn):
+        curves = model.decode(drawn)
+        assert rmse(model.decode(model.fit(curves)), curves).max() < 1e-4
+
+    def test_fit_is_a_minimum(self, model, direction, k):
+        curves = TRAIN[direction][SAMPLE]
+        params = model.fit(curves)
+        best = mse(model.decode(params), curves)
+        rng = np.random.default_rng(2)
+        for size in (1e-4, 1e-2):
+            moved = model.from_free(model.to_free(params) + size * rng.normal(size=params.shape))
+            assert (mse(model.decode(moved), curves) >= best - 1e-12).all()
+
+    def test_fit_treats_curves_alone(self, model, direction):
+        curves = TRAIN[direction][[0, 70, 140]]
+        together = model.decode(model.fit(curves))
+        alone = np.concatenate([model.decode(model.fit(curve)) for curve in curves])
+        assert rmse(together, alone).max() < 1e-6
+
+    def test_free_parameters_round_trip(self, model, drawn):
+        free = model.to_free(drawn)
+        assert np.allclose(model.from_free(free), drawn, rtol=1e-9)
+        nudge = 1e-6 * np.ones_like(free)
+        slope = (model.from_free(free + nudge) - model.from_free(free - nudge)) / 2e-6
+        assert np.allclose(model.free_slope(drawn), slope, rtol=1e-5, atol=1e-9)
+
+    def test_prior_is_the_distribution_of_the_fits(self, model, direction, k):
+        free = model.to_free(model.fit(TRAIN[direction][SAMPLE]))
+        samples = model.prior_.sample(20000, seed=1)
+        assert np.allclose(samples.mean(axis=0), free.mean(axis=0), atol=0.05 * free.std(axis=0, ddof=1).max())
+        assert np.allclose(samples.std(axis=0), free.std(axis=0, ddof=1), rtol=0.05)
+        assert np.array_equal(samples, model.prior_.sample(20000, seed=1))
+
+    def test_nearest_valid_is_valid_and_no_farther_than_any_valid_curve(self, model, drawn, direction):
+        decoded = model.decode(drawn)
+        nearest = as_valid_curves(model.nearest_valid(drawn))
+        # The decoded curve's own ends are pinned, everything else is projected: no training curve is nearer.
+        others = TRAIN[direction][::10]
+        distance = mse(nearest[:, 1:-1], decoded[:, 1:-1])
+        assert (distance[:, None] <= mse(decoded[:, None, 1:-1], others[None, :, 1:-1]) + 1e-12).all()
+
+    def test_bad_parameters_are_refused(self, model, k):
+        with pytest.raises(InputError, match=rf"\({k + 1},\).*\(\.\.\., {k}\)"):
+            model.decode(np.ones(k + 1))
+        with pytest.raises(InputError, match="NaN"):
+            model.decode(np.full(k, np.nan))
+        with pytest.raises(InputError, match="1024"):
+            model.fit(np.ones((3, 100)))
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_models_that_cannot_be_are_refused(kind):
+    for n_params in (0, -1, 1.5):
+        with pytest.raises(InputError, match="n_params="):
+            kind.from_curves(TRAIN["forward"], n_params, "forward")
+    with pytest.raises(InputError, match="sideways"):
+        kind.from_curves(TRAIN["forward"], MODELS[kind][0], "sideways")
+
+
+@st.composite
+def response_batches(draw):
+    """A few OpenCRF curves, mixed and bent by a gamma: monotone, from (0, 0) to (1, 1)."""
+    rows = draw(st.lists(st.integers(0, len(RESPONSES) - 1), min_size=2, max_size=4, unique=True))
+    weight = draw(st.floats(0, 1))
+    gamma = draw(st.floats(0.4, 2.5))
+    curves = RESPONSES.curves[rows]
+    return (weight * curves + (1 - weight) * curves[::-1]) ** gamma
+
+
+@cache
+def models_by_size(kind, direction):
+    return [kind.from_curves(TRAIN[direction], k, direction) for k in MODELS[kind]]
+
+
+def errors_by_size(kind, direction, curves):
+    return np.array([mse(m.decode(m.fit(curves)), curves) for m in models_by_size(kind, direction)])
+
+
+@settings(max_examples=15, deadline=None)
+@given(response_batches(), st.sampled_from([Polynomial, GGCM, EMoR]), st.sampled_from(["forward", "inverse"]))
+def test_one_more_parameter_never_fits_worse(curves, kind, direction):
+    errors = errors_by_size(kind, direction, curves if direction == "forward" else invert(curves))
+    assert (errors[1:] <= errors[:-1] * (1 + 1e-7) + 1e-12).all()  # to the tolerance of the solver
+
+
+@pytest.fixture(params=["opencrf", "opencrf-hdr", "dorf"])
+def any_responses(request):
+    name = request.param
+    return (
+        request.getfixturevalue("dorf_curves") if name == "dorf" else load_opencrf("hdr" if "hdr" in name else "core")
+    )
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+@pytest.mark.parametrize("kind", [Polynomial, GGCM, EMoR])
+def test_one_more_parameter_never_fits_worse_on_whole_sets(kind, direction, any_responses):
+    errors = errors_by_size(kind, direction, any_responses.in_direction(direction))
+    assert (errors[1:] <= errors[:-1] * (1 + 1e-7) + 1e-12).all()  # to the tolerance of the solver
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_gamma_is_nested_in_ggcm_and_ppisp(direction):
+    curves = TRAIN[direction]
+    gamma = Gamma(direction)
+    floor = mse(gamma.decode(gamma.fit(curves)), curves)
+    for model in (GGCM(1, direction), GGCM(2, direction), PPISP(direction)):
+        assert (mse(model.decode(model.fit(curves)), curves) <= floor * (1 + 1e-7) + 1e-12).all()
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_gamma_fit_is_the_global_optimum(direction):
+    """Against SciPy's global search, curve by curve."""
+    curves = TRAIN[direction][SAMPLE]
+    found = mse(Gamma(direction).decode(Gamma(direction).fit(curves)), curves)
+    for curve, error in zip(curves, found, strict=True):
+        best = differential_evolution(lambda p, c=curve: ((GRID ** p[0] - c) ** 2).mean(), [(0.01, 20)], seed=1)
+        assert error <= best.fun + 1e-10
+
+
+@pytest.mark.parametrize(("make", "bounds"), [(GGCM, [(-3, 6)] * 3), (PPISP, [(-3, 3)] * 4)])
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_nonlinear_fits_match_many_scipy_starts(make, bounds, direction):
+    curves = TRAIN[direction][::50]
+    model = make(direction=direction)
+    found = rmse(model.decode(model.fit(curves)), curves)
+    low, high = np.array(bounds).T
+    starts = np.random.default_rng(4).uniform(low, high, size=(20, len(bounds)))
+    for curve, error in zip(curves, found, strict=True):
+        runs = [
+            least_squares(lambda z, c=curve: model.decode(model.from_free(z)) - c, z0, max_nfev=60) for z0 in starts
+        ]
+        best = np.sqrt(2 * min(run.cost for run in runs) / 1024)
+        assert error <= best * 1.02 + 1e-6
+
+
+def test_polynomial_fit_equals_polyfit_without_constant():
+    curve = TRAIN["forward"][3]
+    basis = GRID[:, None] ** np.arange(1, 4)
+    expected = np.linalg.solve(basis.T @ basis, basis.T @ curve)
+    assert np.allclose(Polynomial(3).fit(curve)[0], expected, rtol=1e-6)
+
+
+def test_emor_of_all_components_is_exact_and_components_are_orthonormal():
+    curves = TRAIN["forward"][::5]
+    model = EMoR.from_curves(curves, len(curves) - 1, "forward")
+    assert rmse(model.decode(model.fit(curves)), curves).max() < 1e-10
+    assert np.allclose(model.components_ @ model.components_.T, np.eye(len(model.components_)), atol=1e-10)
+    variances = (model.fit(curves) ** 2).sum(axis=0)
+    assert (np.diff(variances) <= 1e-12).all()
+
+
+def test_emor_refuses_more_parameters_than_components():
+    with pytest.raises(InputError, match="basis of 2"):
+        EMoR(GRID, [GRID, GRID**2], n_params=3)
+    with pytest.raises(InputError, match="basis of 2; use 1 to 2"):
+        EMoR.from_curves(TRAIN["forward"][:3], 3, "forward")
+
+
+@pytest.mark.parametrize("params", [[1, 1, 0.45, 0.5], [2, 0.5, 1.2, 0.3], [0.6, 3, 0.8, 0.7]])
+def test_ppisp_formula_and_its_inverse(params):
+    t, s, g, c = params
+    a = s * c / (t + (s - t) * c)
+    low, high = a * (GRID / c) ** t, 1 - (1 - a) * ((1 - np.minimum(GRID, 1)) / (1 - c)) ** s
+    expected = np.where(c >= GRID, low, high) ** g
+    forward, inverse = PPISP("forward").decode(params), PPISP("inverse").decode(params)
+    assert np.allclose(forward, expected, atol=1e-12)
+    # f(g(y)) = y, with the formula evaluated at the inverse's own values.
+    x = inverse
+    round_trip = np.where(x <= c, a * (x / c) ** t, 1 - (1 - a) * ((1 - np.minimum(x, 1)) / (1 - c)) ** s) ** g
+    assert np.allclose(round_trip, GRID, atol=1e-9)
+
+
+@settings(max_examples=50)
+@given(st.lists(st.floats(-5, 5), min_size=4, max_size=4), st.sampled_from(["forward", "inverse"]))
+def test_ppisp_is_always_a_response(free, direction):
+    model = PPISP(direction)
+    curve = model.decode(model.from_free(np.array(free)))
+    assert not nonmonotone(curve).any()
+    assert not off_endpoints(curve).any()
+
+
+def test_ppisp_refuses_what_is_no_response():
+    for params in ([0, 1, 1, 0.5], [1, 1, 1, 1.0], [1, 1, -1, 0.5]):
+        with pytest.raises(InputError, match="above 0"):
+            PPISP().decode(params)
+    with pytest.raises(InputError, match="gamma=-1"):
+        Gamma().decode([-1.0])
+
+
+@pytest.mark.dorf
+def test_published_emor_gives_the_papers_figures(dorf_curves, emor_files):
+    curves = dorf_curves.in_direction("forward")
+    basis = load_emor_basis("forward")
+    means = [rmse(m.decode(m.fit(curves)), curves).mean() for m in (EMoR(*basis, k) for k in (1, 2, 3, 4))]
+    assert np.allclose(means, [3.60e-2, 1.24e-2, 5.71e-3, 3.21e-3], rtol=2e-3)
