@@ -4,11 +4,32 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib.metadata import requires, version
 from pathlib import Path
 
+import pandas as pd
+from packaging.requirements import Requirement
+
+from crfbench.datasets import registry
 from crfbench.resources import shipped
 
 START = "0-start-here.ipynb"
+
+
+def data_table() -> pd.DataFrame:
+    """Return every known data set: key, what it is, licence, and whether it is here."""
+    return pd.DataFrame(registry.status()).drop(columns="where")
+
+
+def environment_table() -> pd.DataFrame:
+    """Return the packages that crfbench needs: the version asked for, the version here, and whether it fits."""
+    rows = []
+    for line in requires("crfbench") or []:
+        requirement = Requirement(line)
+        if requirement.marker is None:  # the others belong to extras
+            here = version(requirement.name)
+            rows.append((requirement.name, str(requirement.specifier), here, requirement.specifier.contains(here)))
+    return pd.DataFrame(rows, columns=["package", "wanted", "here", "fits"])
 
 
 def copy_notebooks(folder: Path) -> list[Path]:

@@ -1,6 +1,7 @@
 """Figures: arrays and tables in, matplotlib Axes out. Nothing is fitted here."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -108,7 +109,7 @@ def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes
     rows = table[table["direction"] == direction]
     for i, (model, group) in enumerate(rows.groupby("model", sort=False)):
         parts = [group[group["split"] == split].sort_values("n_params") for split in ("in-sample", "grouped-5fold")]
-        look = {"color": PALETTE[i], "marker": _MARKERS[i]}
+        look: dict[str, Any] = {"color": PALETTE[i], "marker": _MARKERS[i]}
         ax.plot(parts[0]["n_params"], parts[0]["mean_rmse"], label=str(model), **look)
         if list(parts[1]["mean_rmse"]) != list(parts[0]["mean_rmse"]):  # the others learn nothing: one line is both
             ax.plot(parts[1]["n_params"], parts[1]["mean_rmse"], ls=":", mfc="white", **look)

@@ -15,24 +15,8 @@ from crfbench.datasets import Responses, load_emor_basis, load_patches, load_res
 from crfbench.datasets.middlebury import patch_intensity
 from crfbench.files import write_atomically
 from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
-from crfbench.tables.fitting import fitting_table
-from crfbench.tables.recorded import load_recorded, to_rows
-
-
-def fitting_tables(which: str = "auto") -> dict[str, pd.DataFrame]:
-    """Return the fitting table of the data asked for; with "auto" and no DoRF, the recorded DoRF table beside it.
-
-    Returns
-    -------
-    dict
-        From a title, which says where the figures come from, to the table.
-    """
-    responses = load_responses(which)
-    tables = {f"{responses.dataset}, computed now": fitting_table(responses)}
-    if which == "auto" and responses.dataset != "dorf":
-        table, provenance = load_recorded("fitting_dorf")
-        tables[f"dorf, recorded with crfbench {provenance['crfbench']} (the curves are not on this machine)"] = table
-    return tables
+from crfbench.tables.fitting import fitting_tables
+from crfbench.tables.recorded import to_rows
 
 
 def build_results(folder: Path) -> Iterator[Path]:

@@ -7,7 +7,7 @@ import numpy as np
 
 import crfbench
 from crfbench.datasets import registry
-from crfbench.results import fitting_tables
+from crfbench.tables.fitting import fitting_tables
 from crfbench.tables.recorded import record
 
 

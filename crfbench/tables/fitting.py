@@ -7,11 +7,12 @@ import numpy as np
 import pandas as pd
 
 from crfbench.curves import Array, Direction
-from crfbench.datasets import Responses, load_emor_basis, registry
+from crfbench.datasets import Responses, load_emor_basis, load_responses, registry
 from crfbench.datasets.folds import group_labels, grouped_folds
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
 from crfbench.models import MODELS, EMoR, ResponseModel
 from crfbench.paper import FITTING, verdict
+from crfbench.tables.recorded import load_recorded
 
 COLUMNS = (
     "model", "n_params", "direction", "split", "mean_rmse", "median_rmse", "p95_rmse", "max_rmse", "mean_mse",
@@ -42,6 +43,43 @@ def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECT
     """
     rows = [row for direction in directions for row in _rows(responses, direction)]
     return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def fitting_tables(which: str = "auto") -> dict[str, pd.DataFrame]:
+    """Return the fitting table of the data asked for; with "auto" and no DoRF, the recorded DoRF table beside it.
+
+    Returns
+    -------
+    dict
+        From a title, which says where the figures come from, to the table.
+    """
+    responses = load_responses(which)
+    tables = {f"{responses.dataset}, computed now": fitting_table(responses)}
+    if which == "auto" and responses.dataset != "dorf":
+        table, provenance = load_recorded("fitting_dorf")
+        tables[f"dorf, recorded with crfbench {provenance['crfbench']} (the curves are not on this machine)"] = table
+    return tables
+
+
+def display_table(table: pd.DataFrame, direction: Direction, split: str) -> pd.DataFrame:
+    """Return one direction and split of a fitting table as people read it: rounded, and without the times.
+
+    Columns: model, parameters, the RMSE statistics and mean MSE, shares in percent, the paper's figure, verdict.
+    """
+    rows = table[(table["direction"] == direction) & (table["split"] == split)]
+    rows = rows.drop(columns=["direction", "split", "seconds"]).reset_index(drop=True)
+    for name in ("mean_rmse", "median_rmse", "p95_rmse", "max_rmse", "mean_mse", "paper"):
+        rows[name] = ["" if pd.isna(value) else f"{value:.2e}" for value in rows[name]]
+    for name in ("nonmonotone", "out_of_range"):
+        rows[name] = [f"{100 * value:.0f} %" for value in rows[name]]
+    return rows
+
+
+def papers_rising_rows() -> list[str]:
+    """Name the steps of the paper's Table 1 where a model gets worse by one more parameter."""
+    steps = [(model, k) for model, k in FITTING if (model, k + 1) in FITTING]
+    rising = [(m, k) for m, k in steps if float(FITTING[m, k + 1]) > float(FITTING[m, k])]
+    return [f"{m}: {FITTING[m, k]} with {k}, {FITTING[m, k + 1]} with {k + 1} parameters" for m, k in rising]
 
 
 def _rows(responses: Responses, direction: Direction) -> Iterator[dict[str, object]]:

@@ -19,15 +19,18 @@ function isDarkGround(node) {
   return 0.2126 * r + 0.7152 * g + 0.0722 * b > 128;
 }
 
-// Gives the native controls in `root` the theme of the page, now and whenever it changes. The style sheet lets `color`
-// pass over in a moment's transition, so every change of theme ends in an event, whoever makes it.
+// Gives the native controls in `root` the theme of the page whenever it appears or the theme changes; returns how to
+// stop. The style sheet lets `color` pass over in a moment, so any change of theme ends in an event, whoever makes it.
 function followTheme(root, onChange) {
   const follow = () => {
+    if (!root.isConnected) return; // no colours yet
     root.style.colorScheme = isDarkGround(root) ? "dark" : "light";
     onChange();
   };
   for (const end of ["transitionend", "transitioncancel"]) root.addEventListener(end, follow);
-  follow();
+  const observer = new ResizeObserver(follow);
+  observer.observe(root);
+  return () => observer.disconnect();
 }
 
 function labelledSelect(label, options, onChange) {

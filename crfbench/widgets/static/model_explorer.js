@@ -68,7 +68,7 @@ class ModelExplorerView {
     this.status = element("div", { class: "crf-status", role: "status" });
     this.root = element("div", { class: "crf", "aria-busy": false }, this.buildChoices(), this.buildBody());
     root.append(this.root);
-    followTheme(this.root, () => this.plot.schedule());
+    this.leaveTheme = followTheme(this.root, () => this.plot.schedule());
     this.update = this.update.bind(this);
     model.on("change:_scene", this.update);
     this.update();
@@ -77,6 +77,7 @@ class ModelExplorerView {
   destroy() {
     this.model.off("change:_scene", this.update);
     clearTimeout(this.timer);
+    this.leaveTheme();
     this.plot.destroy();
   }
 

@@ -60,6 +60,7 @@ class CurvePlot {
     this.canvas = element("canvas", { class: "crf-canvas", role: "img" });
     this.figure = null;
     this.frame = 0;
+    this.width = this.height = 0;
     this.observer = new ResizeObserver(() => this.schedule());
     this.observer.observe(this.canvas);
   }
@@ -78,8 +79,15 @@ class CurvePlot {
   schedule() {
     this.frame ||= requestAnimationFrame(() => {
       this.frame = 0;
-      if (this.figure && this.canvas.clientWidth) this.paint();
+      if (this.figure && this.measure()) this.paint();
     });
+  }
+
+  // JupyterLab hides the page for a moment while it changes the theme; the last size is kept for that moment.
+  measure() {
+    const { clientWidth, clientHeight, isConnected } = this.canvas;
+    if (clientWidth) [this.width, this.height] = [clientWidth, clientHeight];
+    return isConnected && this.width > 0;
   }
 
   paint() {
@@ -88,7 +96,7 @@ class CurvePlot {
     this.ink = style.color;
     this.dark = isDarkGround(this.canvas);
     context.font = `${FONT_SIZE}px ${style.fontFamily}`;
-    const entries = legendEntries(context, this.figure.series, this.canvas.clientWidth - 56);
+    const entries = legendEntries(context, this.figure.series, this.width - 56);
     this.place(entries.at(-1).row + 1);
     this.paintAxes(context);
     this.paintCurves(context);
@@ -99,21 +107,21 @@ class CurvePlot {
   clear() {
     const ratio = window.devicePixelRatio || 1;
     const { canvas } = this;
-    const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+    const [width, height] = [Math.round(this.width * ratio), Math.round(this.height * ratio)];
     if (canvas.width !== width) canvas.width = width;
     if (canvas.height !== height) canvas.height = height;
     const context = canvas.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
+    context.clearRect(0, 0, this.width, this.height);
     return context;
   }
 
   place(legendRows) {
     const { x, y } = this.figure;
     this.left = 48;
-    this.right = this.canvas.clientWidth - 8;
+    this.right = this.width - 8;
     this.top = legendRows * ROW + 8;
-    this.bottom = this.canvas.clientHeight - 42;
+    this.bottom = this.height - 42;
     this.toX = (value) => this.left + ((value - x.min) / (x.max - x.min)) * (this.right - this.left);
     this.toY = (value) => this.bottom - ((value - y.min) / (y.max - y.min)) * (this.bottom - this.top);
   }

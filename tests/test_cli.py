@@ -1,0 +1,90 @@
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+import crfbench
+from crfbench import cli
+from crfbench.tables.fitting import COLUMNS
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Run the command line in a process of its own, without the real data and with an empty cache."""
+    env = {k: v for k, v in os.environ.items() if k != "CRFBENCH_DATA"}
+    env["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+    command = [sys.executable, "-m", "crfbench.cli"]
+    return lambda *args: subprocess.run([*command, *args], capture_output=True, text=True, check=False, env=env)
+
+
+@pytest.fixture(scope="module")
+def fitting_json(run):
+    return run("table", "fitting", "--json")
+
+
+def test_json_rows_have_exactly_the_keys(fitting_json):
+    assert fitting_json.returncode == 0
+    rows = json.loads(fitting_json.stdout)
+    assert all(tuple(row) == COLUMNS for row in rows)
+    assert {row["split"] for row in rows} == {"in-sample", "grouped-5fold"}
+    assert {row["direction"] for row in rows} == {"forward", "inverse"}
+
+
+def test_without_dorf_the_recorded_table_stands_beside(run):
+    done = run("table", "fitting", "--direction", "forward")
+    assert done.returncode == 0
+    assert "opencrf, computed now" in done.stdout
+    assert "dorf, recorded with crfbench" in done.stdout
+    assert "inverse" not in done.stdout
+    assert done.stdout.count("reproduced") >= 4
+
+
+def test_data_lists_every_set(run):
+    done = run("data", "--json")
+    rows = {row["key"]: row for row in json.loads(done.stdout)}
+    assert set(rows) == {"opencrf", "dorf", "emor", "middlebury"}
+    assert rows["opencrf"]["present"] == "shipped"
+    assert rows["dorf"]["present"] == "absent"
+    assert "crfbench fetch dorf" in run("data").stdout
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["table", "fitting", "--data", "dorf"], "run 'crfbench fetch dorf'"),
+        (["table", "fitting", "--data", "nonsense"], "which='nonsense' is not known; use 'auto', 'dorf' or 'opencrf'"),
+        (["table", "fitting", "--direction", "up"], "direction='up' is not known"),
+        (["fetch", "nonsense"], "nonsense"),
+    ],
+)
+def test_mistakes_are_one_sentence_and_status_2(run, args, words):
+    done = run(*args)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("crfbench: ")
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_wrong_option_is_status_2(run):
+    assert run("table", "fitting", "--nonsense").returncode == 2
+    assert run("nonsense").returncode == 2
+
+
+def test_version(run):
+    assert run("--version").stdout.strip() == crfbench.__version__
+
+
+def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
+    monkeypatch.delenv("CRFBENCH_DATA", raising=False)
+    result = CliRunner().invoke(cli.app, ["tables", "--out", str(tmp_path / "new folder")])
+    assert result.exit_code == 0, result.output
+    written = {path.name for path in (tmp_path / "new folder").iterdir()}
+    assert {path.rsplit("/", 1)[-1] for path in result.output.split("\n") if path} == written
+    for stem in ("curves_opencrf", "patches", "comparison", "fitting_opencrf", "fitting_dorf", "validity_dorf"):
+        assert {f"{stem}.png", f"{stem}.pdf"} <= written
+    assert {"fitting_dorf.json", "fitting_opencrf.csv"} <= written
+    assert json.loads((tmp_path / "new folder" / "fitting_dorf.json").read_text())[0]["model"] == "Gamma"

@@ -1,0 +1,38 @@
+import subprocess
+import sys
+
+from crfbench import lab
+
+
+def test_notebooks_are_copied_once_and_never_overwritten(tmp_path):
+    copied = lab.copy_notebooks(tmp_path / "mine")
+    assert lab.START in {path.name for path in copied}
+    mine = tmp_path / "mine" / lab.START
+    mine.write_text("changed by the user")
+    (tmp_path / "mine" / "1-response-curves.ipynb").unlink()
+    assert [path.name for path in lab.copy_notebooks(tmp_path / "mine")] == ["1-response-curves.ipynb"]
+    assert mine.read_text() == "changed by the user"
+
+
+def test_jupyterlab_listens_here_only_and_keeps_its_token(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        subprocess, "run", lambda command, **_: seen.append(command) or subprocess.CompletedProcess(command, 7)
+    )
+    assert lab.open_lab(tmp_path, ["--no-browser"]) == 7
+    (command,) = seen
+    assert command[:3] == [sys.executable, "-m", "jupyterlab"]
+    assert "--ServerApp.ip=127.0.0.1" in command
+    assert str(tmp_path / lab.START) in command
+    assert command[-1] == "--no-browser"
+    assert not any("token" in word or "password" in word for word in command)
+
+
+def test_environment_and_data_tables():
+    environment = lab.environment_table()
+    assert environment["fits"].all()
+    assert {"numpy", "jupyterlab", "anywidget"} <= set(environment["package"])
+    assert "torch" not in set(environment["package"])
+    data = lab.data_table().set_index("key")
+    assert data.loc["opencrf", "present"] == "shipped"
+    assert "where" not in data

@@ -1,0 +1,82 @@
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+mpl.use("agg")
+
+from crfbench import plots
+from crfbench.curves import GRID
+from crfbench.datasets import load_opencrf, load_patches
+from crfbench.datasets.middlebury import patch_intensity
+from crfbench.paper import FITTING
+from crfbench.results import comparison
+from crfbench.tables.recorded import load_recorded
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plots.plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def fitting():
+    return load_recorded("fitting_dorf")[0]
+
+
+def drawn(ax):
+    return np.array([line.get_ydata() for line in ax.get_lines() if len(line.get_ydata()) == len(GRID)])
+
+
+def test_curves_are_drawn_as_they_are_and_counted_by_kind():
+    responses = load_opencrf()
+    ax = plots.plot_curves(responses.curves, responses.families)
+    assert sorted(map(tuple, drawn(ax).round(9))) == sorted(map(tuple, responses.curves.round(9)))
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "film-negative (94)" in legend
+    assert ax.get_xlabel().startswith("irradiance")
+    assert plots.plot_curves(responses.curves[:1], direction="inverse").get_xlabel().startswith("brightness")
+
+
+def test_spread_draws_the_mean():
+    curves = load_opencrf().curves
+    assert np.allclose(drawn(plots.plot_spread({"all": curves}))[0], curves.mean(axis=0))
+
+
+def test_patches_draw_every_patch_of_every_camera():
+    patches = patch_intensity(load_patches())
+    ax = plots.plot_patches(patches)
+    offsets = np.concatenate([np.asarray(c.get_offsets()) for c in ax.collections])
+    assert len(offsets) == len(patches)
+    assert np.allclose(np.sort(offsets[:, 1]), np.sort(patches["jpeg"]))
+    looks = {
+        (tuple(c.get_edgecolor()[0]), len(c.get_facecolor()), c.get_paths()[0].vertices.tobytes())
+        for c in ax.collections
+    }
+    assert len(looks) == 14  # no two cameras look alike
+
+
+def test_fitting_shows_our_figures_and_the_papers(fitting):
+    ax = plots.plot_fitting(fitting)
+    by_label = {line.get_label(): line for line in ax.get_lines()}
+    rows = fitting.query("model == 'GGCM' and direction == 'forward' and split == 'in-sample'")
+    assert np.allclose(by_label["GGCM"].get_ydata(), rows["mean_rmse"])
+    crosses = np.concatenate([np.asarray(c.get_offsets()).reshape(-1, 2) for c in ax.collections])
+    shown = {(int(k), round(v, 9)) for k, v in crosses if np.isfinite(v)}
+    assert shown == {(k, float(v)) for (model, k), v in FITTING.items() if model != "SLR"}
+    assert not plots.plot_fitting(fitting, "inverse").collections
+
+
+def test_validity_bars_are_shares_in_percent(fitting):
+    ax = plots.plot_validity(fitting)
+    rows = fitting.query("direction == 'forward' and split == 'in-sample'")
+    heights = [bar.get_height() for bar in ax.containers[0]]
+    assert np.allclose(heights, 100 * rows["nonmonotone"])
+
+
+def test_comparison_takes_the_curve_that_gamma_fits_worst_and_names_every_model():
+    responses = load_opencrf().select(range(0, 151, 6))
+    ax = comparison(responses)
+    assert ax.get_title() in responses.names
+    assert len(drawn(ax)) == 6
+    assert comparison(responses, 3).get_title() == responses.names[3]
