@@ -9,8 +9,8 @@ READY := $(VENV)/.ready
 lab: $(READY)
 	$(BIN)/crfbench lab notebooks
 
-# One BLAS thread: the tests' matrices are small, and threads that wait for a busy core cost more than they bring.
-test: export OPENBLAS_NUM_THREADS = 1
+# One BLAS thread: the matrices are small, and threads that wait for a busy core cost more than they bring.
+test tables bench: export OPENBLAS_NUM_THREADS = 1
 test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -6,6 +6,7 @@ from crfbench.models.gamma import Gamma
 from crfbench.models.ggcm import GGCM
 from crfbench.models.polynomial import Polynomial
 from crfbench.models.ppisp import PPISP
+from crfbench.models.slr import SLR
 
 #: Every model and the numbers of parameters it is tabulated with.
 MODELS: dict[type[ResponseModel], tuple[int, ...]] = {
@@ -16,4 +17,4 @@ MODELS: dict[type[ResponseModel], tuple[int, ...]] = {
     PPISP: (4,),
 }
 
-__all__ = ["GGCM", "MODELS", "PPISP", "EMoR", "Gamma", "Polynomial", "Prior", "ResponseModel"]
+__all__ = ["GGCM", "MODELS", "PPISP", "SLR", "EMoR", "Gamma", "Polynomial", "Prior", "ResponseModel"]

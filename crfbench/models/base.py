@@ -80,6 +80,11 @@ class ResponseModel(ABC):
     def __repr__(self) -> str:
         return f"{type(self).__name__}(n_params={self.n_params}, direction={self.direction!r})"
 
+    @property
+    def param_names(self) -> tuple[str, ...]:
+        """The names of the parameters, in order."""
+        return tuple(f"parameter {i + 1}" for i in range(self.n_params))
+
     @classmethod
     @abstractmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:

@@ -40,6 +40,11 @@ class EMoR(ResponseModel):
         self.mean_ = as_curves(mean)[0]
         self.components_ = basis[:n_params]
 
+    @property
+    def param_names(self) -> tuple[str, ...]:
+        """The names of the parameters, in order."""
+        return tuple(f"component {i + 1}" for i in range(self.n_params))
+
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
         """Learn mean and components from training curves (n, 1024), n > `n_params`."""

@@ -22,6 +22,11 @@ class Gamma(ResponseModel):
     def __init__(self, direction: Direction = "forward") -> None:
         super().__init__(1, direction)
 
+    @property
+    def param_names(self) -> tuple[str, ...]:
+        """The names of the parameters, in order."""
+        return ("gamma",)
+
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
         """Build the model; there is nothing to learn."""

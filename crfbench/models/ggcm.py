@@ -24,6 +24,11 @@ class GGCM(ResponseModel):
         super().__init__(n_params, direction)
         self._powers = GRID ** np.arange(self.n_params)[:, None]
 
+    @property
+    def param_names(self) -> tuple[str, ...]:
+        """The names of the parameters, in order."""
+        return tuple(f"w{i}, of x^{i}" for i in range(self.n_params))
+
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
         """Build the model; there is nothing to learn."""

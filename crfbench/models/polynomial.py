@@ -21,6 +21,11 @@ class Polynomial(ResponseModel):
         super().__init__(n_params, direction)
         self._powers = GRID ** np.arange(1, self.n_params + 1)[:, None]
 
+    @property
+    def param_names(self) -> tuple[str, ...]:
+        """The names of the parameters, in order."""
+        return tuple(f"w{i + 1}, of x^{i + 1}" for i in range(self.n_params))
+
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
         """Build the model; there is nothing to learn."""

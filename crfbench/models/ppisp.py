@@ -41,6 +41,11 @@ class PPISP(ResponseModel):
     def __init__(self, direction: Direction = "forward") -> None:
         super().__init__(4, direction)
 
+    @property
+    def param_names(self) -> tuple[str, ...]:
+        """The names of the parameters, in order."""
+        return ("toe", "shoulder", "gamma", "centre")
+
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
         """Build the model; there is nothing to learn."""

@@ -200,11 +200,11 @@ class ModelExplorer(anywidget.AnyWidget):
             **_judge(self._decoded, self._curves[self._index]),
         }
 
-    def _sliders(self) -> list[dict[str, float]]:
+    def _sliders(self) -> list[dict[str, float | str]]:
         travel = self._travel()
         columns = (*travel.ends(), travel.positions(self._params), self._params)
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        return [dict(zip(("min", "max", "position", "param"), row, strict=True)) for row in rows]
+        rows = zip(travel.model.param_names, *(column.tolist() for column in columns), strict=True)
+        return [dict(zip(("name", "min", "max", "position", "param"), row, strict=True)) for row in rows]
 
 
 def _check_names(names: Sequence[str], n: int) -> list[str]:

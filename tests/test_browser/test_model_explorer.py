@@ -88,7 +88,7 @@ def screenshot(page, name: str) -> None:
 
 def test_mouse_drag_changes_curve_and_errors(page, run_python: Callable) -> None:
     before, errors = picture(page), readout(page, "RMSE")
-    slider = page.get_by_role("slider", name="parameter 1")
+    slider = page.get_by_role("slider", name="w0, of x^0")
     drag(page, slider, 0.2)
     wait_for_change(page, "RMSE", errors)
     # The last position of the drag has arrived, however many were left out on the way.
@@ -101,13 +101,21 @@ def test_mouse_drag_changes_curve_and_errors(page, run_python: Callable) -> None
 
 def test_arrow_keys_move_the_slider_and_not_the_notebook(page, run_python: Callable) -> None:
     errors, params = readout(page, "RMSE"), run_python(page, "print(explorer.params[1])")
-    page.get_by_role("slider", name="parameter 2").focus()
+    page.get_by_role("slider", name="w1, of x^1").focus()
     for _ in range(5):
         page.keyboard.press("ArrowRight")
     wait_for_change(page, "RMSE", errors)
     assert float(run_python(page, "print(explorer.params[1])")) > float(params)
     assert page.evaluate("document.activeElement.type") == "range"
     assert page.evaluate("getComputedStyle(document.activeElement).outlineWidth") == "3px"
+
+
+def test_keys_that_are_shortcuts_elsewhere_work_in_a_select(page, run_python: Callable) -> None:
+    page.get_by_label("Curve", exact=True).focus()
+    page.keyboard.press("ArrowDown")
+    page.get_by_role("img", name=f"Curve {NAMES[1]} ").wait_for()
+    assert run_python(page, "print(explorer.index)").strip() == "1"
+    assert page.locator(".jp-CodeCell").count() == len(CELLS)
 
 
 def test_fit_by_keyboard_gives_the_optimum(page) -> None:
@@ -135,7 +143,7 @@ def test_another_model_brings_its_sliders(page) -> None:
     sliders = page.get_by_role("slider")
     assert sliders.count() == 3
     page.get_by_label("Model", exact=True).select_option("Polynomial(4)")
-    page.get_by_role("slider", name="parameter 4").wait_for()
+    page.get_by_role("slider", name="w4, of x^4").wait_for()
     assert sliders.count() == 4
 
 
@@ -186,6 +194,7 @@ def switch_theme(page, theme: str, before: str) -> None:
         """(dark) => document.querySelector(".crf").style.colorScheme === (dark ? "dark" : "light")""",
         arg=theme.endswith("Dark"),
     )
+    page.wait_for_selector("#jupyterlab-splash", state="detached")
     settled(page)
 
 

@@ -49,7 +49,10 @@ function formatParam(value) {
   return Number(rounded) === 0 ? "0" : rounded.replace("-", "−");
 }
 
-const formatError = (value) => (value < 1e-3 || value >= 1e3 ? value.toExponential(3) : value.toPrecision(4));
+function formatError(value) {
+  if (value === 0) return "0";
+  return value < 1e-3 || value >= 1e3 ? value.toExponential(3) : value.toPrecision(4);
+}
 
 function verdict({ falls, inRange }) {
   const rises = falls === 0 ? "yes" : `falls at ${falls} sample${falls === 1 ? "" : "s"}`;
@@ -105,7 +108,7 @@ class ModelExplorerView {
   showBusy(busy) {
     this.root.setAttribute("aria-busy", busy);
     clearTimeout(this.timer);
-    if (busy) this.timer = setTimeout(() => (this.status.textContent = "Python is computing …"), SLOW);
+    if (busy) this.timer = setTimeout(() => (this.status.textContent = "waiting for Python …"), SLOW);
   }
 
   turn(step) {
@@ -130,8 +133,8 @@ class ModelExplorerView {
   rebuildSliders(scene) {
     this.drawnModel = scene.model;
     this.positions = scene.sliders.map(({ position }) => position);
-    this.sliders = scene.sliders.map(({ min, max }, i) =>
-      labelledSlider(`parameter ${i + 1}`, { min, max, step: SLIDER_STEP }, (position) => this.slide(i, position)),
+    this.sliders = scene.sliders.map(({ name, min, max }, i) =>
+      labelledSlider(name, { min, max, step: SLIDER_STEP }, (position) => this.slide(i, position)),
     );
     this.sliderBox.replaceChildren(...this.sliders.map(({ box }) => box));
   }
