@@ -1,4 +1,4 @@
-"""The command line: ``crfbench data | fetch | table | tables | lab``."""
+"""The command line: ``crfbench data | fetch | table | tables | train | lab``."""
 
 import json
 import sys
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import crfbench
-from crfbench.errors import CrfbenchError
+from crfbench.errors import CrfbenchError, MissingDataError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -70,12 +70,37 @@ def fitting(
     _print_tables(tables, as_json)
 
 
+@table_app.command()
+def latents(as_json: AsJson = False) -> None:
+    """Latents of the shipped SLR models: how near each constraint brings them to N(0, 1)."""
+    from crfbench.tables.latents import latent_table
+
+    _print_tables({"latents of the training curves, shipped models": latent_table()}, as_json)
+
+
 @app.command()
 def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("results")) -> None:
     """Rebuild every table and figure that exists, without a browser."""
     from crfbench.results import build_results
 
     for path in build_results(out):
+        typer.echo(path)
+
+
+@app.command()
+def train(
+    names: Annotated[list[str] | None, typer.Argument(help="Models, such as ldl-1-inverse.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="All models that are shipped.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for weights and histories.")] = Path("trained"),
+) -> None:
+    """Train the SLR models that are shipped, as they were trained (DoRF is needed; PyTorch too)."""
+    try:
+        from crfbench.shipping import shipped_names, train_shipped
+    except ModuleNotFoundError as error:
+        raise MissingDataError(
+            f"{error.name} is not installed; training needs: pip install 'crfbench[train]'"
+        ) from None
+    for path in train_shipped(shipped_names() if every else names or [], out):
         typer.echo(path)
 
 

@@ -133,7 +133,9 @@ class ResponseModel(ABC):
         return p
 
 
-def refine(model: ResponseModel, targets: Array, starts: Array, evaluate: Evaluation | None = None) -> Array:
+def refine(
+    model: ResponseModel, targets: Array, starts: Array, evaluate: Evaluation | None = None, max_steps: int = 100
+) -> Array:
     """Polish starts by batched least squares in free parameters and keep the best end of each curve.
 
     Parameters
@@ -145,6 +147,7 @@ def refine(model: ResponseModel, targets: Array, starts: Array, evaluate: Evalua
         Parameters to start from, `s` for each curve.
     evaluate : callable, optional
         From parameters (m, k) to values (m, p) and their Jacobians (m, p, k); by default the whole curves.
+    max_steps : int
 
     Returns
     -------
@@ -159,7 +162,7 @@ def refine(model: ResponseModel, targets: Array, starts: Array, evaluate: Evalua
         values, jacobian = evaluate(params)
         return normal_equations(values - targets[owner[rows]], jacobian * model.free_slope(params)[:, None, :])
 
-    free, cost = levenberg_marquardt(objective, model.to_free(starts).reshape(n * s, k))
+    free, cost = levenberg_marquardt(objective, model.to_free(starts).reshape(n * s, k), max_steps)
     best = np.argmin(cost.reshape(n, s), axis=1)
     return model.from_free(free.reshape(n, s, k)[np.arange(n), best])
 

@@ -23,6 +23,7 @@ from crfbench.errors import InputError
 from crfbench.models.base import Prior, ResponseModel, nearest_in_table, refine
 from crfbench.models.weights import load_weights, save_weights
 
+LEAST_STEP = 1e-6  #: Added to every step of a monotone curve, which keeps it strictly rising.
 _TABLE_SIZE = 4096
 _REACH = 1.25  # the table reaches this much farther from the mean than the training latents do
 
@@ -160,11 +161,10 @@ class SLR(ResponseModel):
         return self._output_slope(h @ weight.T + bias, weight @ slope)
 
     def fit(self, curves: ArrayLike) -> Array:
-        """Search a dense table of latents, then polish the nearest two and the encoder's; keep the best."""
-        batch = as_curves(curves)
-        table = self._table()
-        nearest = nearest_in_table(batch, table, self.decode(table), n_best=2)
-        return refine(self, batch, np.concatenate([nearest, self.encode(batch)[:, None]], axis=1))
+        """Search a dense table of latents, then polish the nearest few; keep the best."""
+        batch, table = as_curves(curves), self._table()
+        nearest = nearest_in_table(batch, table, self.decode(table), n_best=2 * self.n_params)
+        return refine(self, batch, nearest, max_steps=30)  # the table is dense, and the bends of ReLU stop Newton
 
     def _table(self) -> Array:
         """Latents that cover those of the training curves: even steps for one, spread draws for more."""
@@ -187,7 +187,7 @@ class SLR(ResponseModel):
     def _output(self, raw: Array) -> Array:
         if not self.monotone:
             return _sigmoid(raw)
-        total = np.cumsum(np.logaddexp(raw, 0.0) + _LEAST_STEP, axis=-1)
+        total = np.cumsum(np.logaddexp(raw, 0.0) + LEAST_STEP, axis=-1)
         return np.concatenate([np.zeros((*raw.shape[:-1], 1)), total / total[..., -1:]], axis=-1)
 
     def _output_slope(self, raw: Array, slope: Array) -> Array:
@@ -195,7 +195,7 @@ class SLR(ResponseModel):
         if not self.monotone:
             y = _sigmoid(raw)
             return (y * (1.0 - y))[..., None] * slope
-        total = np.cumsum(np.logaddexp(raw, 0.0) + _LEAST_STEP, axis=-1)[..., None]
+        total = np.cumsum(np.logaddexp(raw, 0.0) + LEAST_STEP, axis=-1)[..., None]
         rise = np.cumsum(_sigmoid(raw)[..., None] * slope, axis=-2)
         inner = (rise - total / total[..., -1:, :] * rise[..., -1:, :]) / total[..., -1:, :]
         return np.concatenate([np.zeros_like(inner[..., :1, :]), inner], axis=-2)
@@ -216,9 +216,6 @@ class SLR(ResponseModel):
 
     def _learn_prior_from_latents(self) -> None:
         self.prior_ = Prior.from_samples(self.weights_["latents"].astype(np.float64))
-
-
-_LEAST_STEP = 1e-6  # keeps a monotone curve strictly rising
 
 
 def _sigmoid(x: Array) -> Array:

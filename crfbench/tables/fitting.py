@@ -10,7 +10,8 @@ from crfbench.curves import Array, Direction
 from crfbench.datasets import Responses, load_emor_basis, load_responses, registry
 from crfbench.datasets.folds import group_labels, grouped_folds
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
-from crfbench.models import MODELS, EMoR, ResponseModel
+from crfbench.models import MODELS, SLR, EMoR, ResponseModel
+from crfbench.models.weights import shipped_weights
 from crfbench.paper import FITTING, verdict
 from crfbench.tables.recorded import load_recorded
 
@@ -34,12 +35,15 @@ def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECT
     -------
     DataFrame
         One row for each model, number of parameters, direction and split, with the columns of `COLUMNS`.
-        ``split`` is "in-sample" (what a model learns, it learns from all curves) or "grouped-5fold" (from the
+        ``split`` is "in-sample" (what a model learns, it learned from these curves), "grouped-5fold" (from the
         other folds, and curves of one film or camera never part; a model that learns nothing has the same
-        figures in both). RMSE and MSE are in units of the curve's range; ``nonmonotone`` and ``out_of_range``
+        figures in both) or "other-set" (it learned from DoRF and these are OpenCRF's, or the other way round).
+        The "grouped-5fold" rows of SLR models were recorded, for they train five networks each; see
+        ``scripts/record_slr.py``. RMSE and MSE are in units of the curve's range; ``nonmonotone`` and ``out_of_range``
         are shares of the decoded curves; ``seconds`` is the time of all fits of the row; ``paper`` is the
         figure of the paper's Table 1, which speaks of forward in-sample fits of DoRF, and ``verdict`` follows
-        `crfbench.paper.verdict`. "EMoR" has the published basis, "EMoR-PCA" one learned here.
+        `crfbench.paper.verdict`. "EMoR" has the published basis, "EMoR-PCA" one learned here; "SLR-..." are the
+        shipped weights.
     """
     rows = [row for direction in directions for row in _rows(responses, direction)]
     return pd.DataFrame(rows, columns=list(COLUMNS))
@@ -96,7 +100,25 @@ def _rows(responses: Responses, direction: Direction) -> Iterator[dict[str, obje
     if registry.find(f"dorf/{'emor' if direction == 'forward' else 'invemor'}.txt"):
         for k in MODELS[EMoR]:
             published = _timed_fit(EMoR(*load_emor_basis(direction), k, direction), curves)
-            yield _row("EMoR", k, direction, "in-sample", curves, published, responses.dataset)
+            split = "in-sample" if responses.dataset == "dorf" else "other-set"
+            yield _row("EMoR", k, direction, split, curves, published, responses.dataset)
+    yield from _slr_rows(responses, direction, curves)
+
+
+def _slr_rows(responses: Responses, direction: Direction, curves: Array) -> Iterator[dict[str, object]]:
+    for name in shipped_weights():
+        stem, k, side = name.rsplit("-", 2)
+        if side == direction:
+            model = SLR.load(stem, int(k), direction)
+            split = "in-sample" if model.card_["data"] == responses.dataset else "other-set"
+            yield _row(f"SLR-{stem}", int(k), direction, split, curves, _timed_fit(model, curves), responses.dataset)
+    if responses.dataset == "dorf":
+        recorded = load_recorded("slr_heldout_dorf")[0].query("direction == @direction")
+        means = (
+            recorded.drop(columns=["seed", "in_sample_mean_rmse"]).groupby(["model", "n_params", "direction"]).mean()
+        )
+        for row in means.reset_index().to_dict("records"):
+            yield _judged({**row, "split": "grouped-5fold"}, responses.dataset)
 
 
 def _fit_folds(
@@ -123,22 +145,40 @@ def _row(
     model: str, k: int, direction: Direction, split: str, curves: Array, fit: tuple[Array, float], dataset: str
 ) -> dict[str, object]:
     decoded, seconds = fit
+    return _judged(
+        {
+            "model": model,
+            "n_params": k,
+            "direction": direction,
+            "split": split,
+            **figures(decoded, curves),
+            "seconds": seconds,
+        },
+        dataset,
+    )
+
+
+def figures(decoded: Array, curves: Array) -> dict[str, float]:
+    """Return the columns of a fitting table that judge decoded curves (n, 1024) against the measured ones."""
     distance = rmse(decoded, curves)
-    comparable = direction == "forward" and split == "in-sample" and dataset == "dorf"
-    printed = FITTING.get((model.removesuffix("-PCA"), k)) if comparable else None
     return {
-        "model": model,
-        "n_params": k,
-        "direction": direction,
-        "split": split,
-        "mean_rmse": distance.mean(),
-        "median_rmse": np.median(distance),
-        "p95_rmse": np.percentile(distance, 95),
-        "max_rmse": distance.max(),
-        "mean_mse": mse(decoded, curves).mean(),
-        "nonmonotone": nonmonotone(decoded).mean(),
-        "out_of_range": out_of_range(decoded).mean(),
-        "seconds": seconds,
+        "mean_rmse": float(distance.mean()),
+        "median_rmse": float(np.median(distance)),
+        "p95_rmse": float(np.percentile(distance, 95)),
+        "max_rmse": float(distance.max()),
+        "mean_mse": float(mse(decoded, curves).mean()),
+        "nonmonotone": float(nonmonotone(decoded).mean()),
+        "out_of_range": float(out_of_range(decoded).mean()),
+    }
+
+
+def _judged(row: dict[str, object], dataset: str) -> dict[str, object]:
+    """Add the paper's figure, which speaks of forward in-sample fits of DoRF, and the verdict on ours."""
+    comparable = dataset == "dorf" and row["direction"] == "forward" and row["split"] == "in-sample"
+    family = str(row["model"]).split("-", maxsplit=1)[0]
+    printed = FITTING.get((family, int(str(row["n_params"])))) if comparable else None
+    return {
+        **row,
         "paper": float(printed) if printed else None,
-        "verdict": verdict(float(distance.mean()), printed),
+        "verdict": verdict(float(str(row["mean_rmse"])), printed),
     }

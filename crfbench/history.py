@@ -1,0 +1,100 @@
+"""What happened during a training: losses, learning rate and latents, epoch by epoch."""
+
+import io
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crfbench.errors import FormatError, InputError, MissingDataError
+from crfbench.files import write_atomically
+from crfbench.resources import shipped
+
+#: Latents whose decoded curves are kept, and the samples kept of each: every 16th, and the last.
+PROBES = np.linspace(-2.0, 2.0, 9)
+PROBE_SAMPLES = np.append(np.arange(0, 1023, 16), 1023)
+
+
+@dataclass
+class History:
+    """One training, a row an epoch.
+
+    Parameters
+    ----------
+    constraint : str
+    epochs : ndarray of int, shape (e,)
+        Numbers of the epochs kept, from 0.
+    losses : dict of ndarray, shape (e,)
+        Each term of the loss, unweighted, and the "learning rate".
+    latents : ndarray, shape (e, n, k)
+        The encoder's latents of all `n` training curves, in order.
+    probes : ndarray, shape (e, 9, 65)
+        The decoded curves of the latents `PROBES` (the other latents at 0) at the samples `PROBE_SAMPLES`.
+    """
+
+    constraint: str
+    epochs: np.ndarray
+    losses: dict[str, np.ndarray] = field(repr=False)
+    latents: np.ndarray = field(repr=False)
+    probes: np.ndarray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.epochs), len(self.latents), len(self.probes), *(len(v) for v in self.losses.values())}
+        if len(lengths) != 1 or self.latents.ndim != 3 or self.probes.ndim != 3:
+            raise InputError(f"a history has columns of lengths {sorted(lengths)}; use one row an epoch in each")
+
+    def __len__(self) -> int:
+        """Return the number of epochs kept."""
+        return len(self.epochs)
+
+    def select(self, rows: np.ndarray) -> "History":
+        """Return some of the epochs, by position."""
+        losses = {name: values[rows] for name, values in self.losses.items()}
+        return History(self.constraint, self.epochs[rows], losses, self.latents[rows], self.probes[rows])
+
+    def thin(self, count: int) -> "History":
+        """Return about `count` epochs, close together at the start where most happens, and the last."""
+        steps = np.geomspace(1, len(self), min(count, len(self))).round().astype(int) - 1
+        return self.select(np.unique(np.append(steps, len(self) - 1)))
+
+    def save(self, path: Path) -> None:
+        """Write a compressed ``.npz``, complete or not at all; latents and probes in half precision."""
+        arrays: dict[str, Any] = {f"loss:{name}": values.astype(np.float32) for name, values in self.losses.items()}
+        arrays |= {"latents": self.latents.astype(np.float16), "probes": self.probes.astype(np.float16)}
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, constraint=np.array(self.constraint), epochs=self.epochs, **arrays)
+        write_atomically(path, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: Path) -> "History":
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        MissingDataError
+            For a path that leads nowhere.
+        FormatError
+            For a file that is damaged or no history.
+        """
+        if not path.is_file():
+            raise MissingDataError(f"there is no history {path}; use one that History.save wrote")
+        try:
+            with zipfile.ZipFile(path) as archive:
+                damaged = archive.testzip()
+            if damaged:
+                raise ValueError(f"{damaged} is damaged")
+            with np.load(path, allow_pickle=False) as file:
+                losses = {name.removeprefix("loss:"): file[name] for name in file.files if name.startswith("loss:")}
+                latents, probes = file["latents"].astype(np.float32), file["probes"].astype(np.float32)
+                return cls(str(file["constraint"]), file["epochs"], losses, latents, probes)
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise FormatError(
+                f"{path.name} is no training history ({error}); use one that History.save wrote"
+            ) from None
+
+
+def load_history(constraint: str) -> History:
+    """Load the shipped history of a constraint: one latent, inverse responses, DoRF, thinned to some 150 epochs."""
+    return History.load(shipped("data/histories") / f"{constraint}.npz")

@@ -1,0 +1,314 @@
+"""Training an SLR: one loop for every constraint, plain or monotone, in PyTorch.
+
+Three things make it fast and change nothing of the network that comes out: the encoder sees centred and scaled
+curves (folded into its first layer afterwards), the output starts at the mean curve, and the step size goes through
+one cosine cycle (Smith and Topin 2017, arXiv:1708.07120).
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
+from typing import Any, cast
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor, nn
+from torch.nn import functional
+from tqdm.auto import tqdm
+
+from crfbench.constraints import CONSTRAINTS, Constraint
+from crfbench.curves import N_SAMPLES, Direction, as_valid_curves
+from crfbench.errors import InputError
+from crfbench.history import PROBE_SAMPLES, PROBES, History
+from crfbench.models.slr import LEAST_STEP, SLR
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Everything that decides the weights, besides the curves.
+
+    Parameters
+    ----------
+    hidden : tuple of int
+        Neurons of the encoder's hidden layers.
+    n_latent : int
+    monotone : bool
+    constraint : str
+        A name in `crfbench.constraints.CONSTRAINTS`.
+    smoothness : float
+        Weight of the l2-norm of the decoded curves' first derivative.
+    dropout : float
+        Share of hidden neurons left out at random in each step; none at inference.
+    epochs : int
+    learning_rate : float
+        The highest of the cycle.
+    batch_size : int, optional
+        Curves a step; by default all, which the constraints on the whole distribution like best.
+    patience : int, optional
+        Stop when the loss has not improved for so many epochs; by default never, for the cycle ends by itself.
+    seed : int
+    """
+
+    hidden: tuple[int, ...] = (50, 20)
+    n_latent: int = 1
+    monotone: bool = False
+    constraint: str = "ldl"
+    smoothness: float = 1e-5
+    dropout: float = 0.0
+    epochs: int = 1000
+    learning_rate: float = 1e-2
+    batch_size: int | None = None
+    patience: int | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.constraint not in CONSTRAINTS:
+            raise InputError(f"constraint={self.constraint!r} is not known; use one of {', '.join(CONSTRAINTS)}")
+        if self.epochs < 1 or not 0.0 <= self.dropout < 1.0 or self.learning_rate <= 0 or (self.batch_size or 2) < 2:
+            raise InputError(f"{self} cannot be trained; use epochs from 1, dropout in [0, 1), batches of 2 or more")
+
+
+class Autoencoder(nn.Module):
+    """The network in PyTorch, with the names and shapes of `crfbench.models.slr.SLR`'s weights."""
+
+    def __init__(
+        self, model: SLR, codes_per_latent: int = 1, dropout: float = 0.0, generator: torch.Generator | None = None
+    ) -> None:
+        super().__init__()
+        widths = (N_SAMPLES, *model.hidden, codes_per_latent * model.n_params)
+        self.encoder = _layers(widths)
+        self.decoder = _layers((model.n_params, *model.hidden[::-1], N_SAMPLES - model.monotone))
+        self.monotone, self.keep, self.generator = model.monotone, 1.0 - dropout, generator
+
+    def encode(self, curves: Tensor) -> Tensor:
+        """Turn curves (n, 1024) into codes."""
+        return self._run(self.encoder, curves)
+
+    def decode(self, latents: Tensor) -> Tensor:
+        """Turn latents (n, k) into curves (n, 1024)."""
+        raw = self._run(self.decoder, latents)
+        if not self.monotone:
+            return torch.sigmoid(raw)
+        total = (functional.softplus(raw) + LEAST_STEP).cumsum(dim=-1)
+        return functional.pad(total / total[..., -1:], (1, 0))
+
+    def _run(self, layers: nn.ModuleList, h: Tensor) -> Tensor:
+        for i in range(len(layers) - 1):
+            h = functional.relu(layers[i](h))
+            if self.training and self.keep < 1.0:
+                h = h * torch.bernoulli(torch.full_like(h, self.keep), generator=self.generator) / self.keep
+        return cast(Tensor, layers[-1](h))
+
+
+def _layers(widths: tuple[int, ...]) -> nn.ModuleList:
+    return nn.ModuleList(nn.Linear(fan_in, fan_out) for fan_in, fan_out in pairwise(widths))
+
+
+def _linear(layers: nn.ModuleList, index: int) -> nn.Linear:
+    return cast(nn.Linear, layers[index])
+
+
+def to_torch(model: SLR) -> Autoencoder:
+    """Return the PyTorch network with the weights of a trained SLR, for checks and comparisons."""
+    network = Autoencoder(model)
+    network.load_state_dict({n: torch.as_tensor(w) for n, w in model.weights_.items() if n != "latents"})
+    return network.eval()
+
+
+#: Sees the number of the epoch and the history so far; returns True to stop.
+OnEpoch = Callable[[int, "Trainer"], bool | None]
+
+
+def train(
+    curves: ArrayLike,
+    direction: Direction,
+    recipe: Recipe | None = None,
+    card: dict[str, Any] | None = None,
+    on_epoch: OnEpoch | None = None,
+    progress: bool = False,
+) -> tuple[SLR, History]:
+    """Train an SLR on curves of one direction.
+
+    The weights returned are those with the lowest loss; so they are after a stop by `on_epoch` or Ctrl-C too.
+    Same curves, recipe and machine: same weights.
+
+    Parameters
+    ----------
+    curves : array_like, shape (n, 1024), n > 1
+    direction : {"forward", "inverse"}
+        Of the curves.
+    recipe : Recipe, optional
+    card : dict, optional
+        What to write on the model's card beside the recipe, such as the name and hash of the data.
+    on_epoch : callable, optional
+        Called after each epoch with its number and the trainer; training stops when it returns True.
+    progress : bool
+        Whether to show a bar with the time left.
+
+    Returns
+    -------
+    model : SLR
+    history : History
+
+    Raises
+    ------
+    InputError
+        For curves that are no responses, fewer than two, or a recipe that cannot be.
+    """
+    batch = as_valid_curves(curves)
+    if len(batch) < 2:
+        raise InputError(f"{len(batch)} curve cannot train an SLR; use two or more")
+    trainer = Trainer(batch, direction, recipe or Recipe())
+    bar = tqdm(range(trainer.recipe.epochs), desc=trainer.recipe.constraint, unit="epoch", disable=not progress)
+    with _one_thread():
+        try:
+            for epoch in bar:
+                trainer.epoch()
+                if (on_epoch is not None and on_epoch(epoch, trainer)) or trainer.out_of_patience():
+                    break
+        except KeyboardInterrupt:
+            if not trainer.losses:
+                raise
+    return trainer.model({**asdict(trainer.recipe), **(card or {})}), trainer.history()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Compute in one thread: as fast for matrices this small, and the same sums in the same order on every run."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+class Trainer:
+    """The state of one training; `train` drives it, and a page that shows a training can too.
+
+    Parameters
+    ----------
+    curves : ndarray, shape (n, 1024)
+        Valid curves.
+    direction : {"forward", "inverse"}
+    recipe : Recipe
+    """
+
+    def __init__(self, curves: np.ndarray, direction: Direction, recipe: Recipe) -> None:
+        self.recipe, self.curves = recipe, torch.as_tensor(curves, dtype=torch.float32)
+        self.losses: list[dict[str, float]] = []
+        self._latents: list[Tensor] = []
+        self._probes: list[Tensor] = []
+        self._best, self._best_epoch = math.inf, 0
+        with torch.random.fork_rng():
+            torch.manual_seed(recipe.seed)
+            self.generator = torch.Generator().manual_seed(recipe.seed)
+            self.constraint: Constraint = CONSTRAINTS[recipe.constraint](self.curves, recipe.n_latent, self.generator)
+            self.slr = SLR(recipe.hidden, recipe.n_latent, direction, recipe.monotone, recipe.seed)
+            self.network = Autoencoder(self.slr, self.constraint.codes_per_latent, recipe.dropout, self.generator)
+            self._start_near_the_data()
+        steps = recipe.epochs * len(self._batches(shuffle=False))
+        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)
+        self.schedule = torch.optim.lr_scheduler.OneCycleLR(
+            self.optimiser, recipe.learning_rate, total_steps=steps + 1, pct_start=0.1
+        )
+
+    def epoch(self) -> None:
+        """Take one step for each batch, then keep losses, latents and probes."""
+        self.network.train()
+        terms = [self._step(rows) for rows in self._batches(shuffle=True)]
+        self.network.eval()
+        with torch.no_grad():
+            self._latents.append(self.network.encode(self._scaled(self.curves))[:, : self.recipe.n_latent])
+            self._probes.append(self.network.decode(_probe_latents(self.recipe.n_latent))[:, PROBE_SAMPLES])
+        self.losses.append({name: float(np.mean([term[name] for term in terms])) for name in terms[0]})
+        if self.losses[-1]["total"] < self._best:
+            self._best, self._best_epoch = self.losses[-1]["total"], len(self.losses)
+            self._best_state = {name: w.clone() for name, w in self.network.state_dict().items()}
+            self._best_latents = self._latents[-1]
+
+    def out_of_patience(self) -> bool:
+        """Say whether the loss has not improved for the recipe's patience."""
+        waited = len(self.losses) - self._best_epoch
+        return self.recipe.patience is not None and waited >= self.recipe.patience
+
+    def model(self, card: dict[str, Any] | None = None) -> SLR:
+        """Return the best model so far."""
+        state = {name: w.numpy().copy() for name, w in self._best_state.items()}
+        last = f"encoder.{len(self.recipe.hidden)}"
+        for part in ("weight", "bias"):  # of a VAE's encoder, the half that gives the means
+            state[f"{last}.{part}"] = state[f"{last}.{part}"][: self.recipe.n_latent]
+        weight = state["encoder.0.weight"] / float(self._scale)
+        state["encoder.0.bias"] -= weight @ self._mean.numpy()
+        state |= {"encoder.0.weight": weight, "latents": self._best_latents.numpy().copy()}
+        kind = {"direction": self.slr.direction, "trained_epochs": len(self.losses)}
+        return SLR.from_weights(state, {**asdict(self.recipe), **(card or {}), **kind})
+
+    def history(self) -> History:
+        """Return what was kept of the epochs so far."""
+        losses = {name: np.array([term[name] for term in self.losses]) for name in self.losses[0]}
+        latents, probes = torch.stack(self._latents).numpy(), torch.stack(self._probes).numpy()
+        return History(self.recipe.constraint, np.arange(len(self.losses)), losses, latents, probes)
+
+    def _step(self, rows: Tensor) -> dict[str, float]:
+        x, recipe = self.curves[rows], self.recipe
+        codes = self.network.encode(self._scaled(x))
+        y = self.network.decode(self.constraint.latents(codes))
+        fit, rough = functional.mse_loss(y, x), roughness(y)
+        penalty = self.constraint.penalty(codes, x)
+        total = fit + self.constraint.weights[recipe.n_latent > 1] * penalty + recipe.smoothness * rough
+        self.optimiser.zero_grad()
+        torch.autograd.backward(total)
+        self.optimiser.step()
+        rate = float(self.schedule.get_last_lr()[0])
+        self.schedule.step()
+        terms = {"total": total, "mse": fit, "constraint": penalty, "smoothness": rough}
+        return {**{k: float(v.detach()) for k, v in terms.items()}, "learning rate": rate, **self.constraint.logged()}
+
+    def _batches(self, shuffle: bool) -> list[Tensor]:
+        """Rows of each batch; a last batch of one curve joins the one before, for it has no distribution."""
+        n, size = len(self.curves), self.recipe.batch_size or len(self.curves)
+        if size >= n:
+            return [torch.arange(n)]
+        order = torch.randperm(n, generator=self.generator) if shuffle else torch.arange(n)
+        return list(order.tensor_split(max(n // size, 1)))
+
+    def _scaled(self, curves: Tensor) -> Tensor:
+        return (curves - self._mean) / self._scale
+
+    @torch.no_grad()
+    def _start_near_the_data(self) -> None:
+        """Start the output at the mean curve and the first bends evenly over the range that the latent will have."""
+        self._mean = self.curves.mean(dim=0)
+        self._scale = (self.curves - self._mean).std()
+        steps = self._mean.diff().clamp_min(1e-5) * (N_SAMPLES - 1)
+        start = torch.log(torch.expm1(steps)) if self.recipe.monotone else torch.logit(self._mean, 1e-3)
+        _linear(self.network.decoder, -1).bias.copy_(start)
+        if self.recipe.n_latent == 1:
+            first = _linear(self.network.decoder, 0)
+            sign = torch.where(torch.rand_like(first.bias) < 0.5, -1.0, 1.0)
+            first.weight[:, 0] = sign * (0.5 + torch.rand_like(first.bias))
+            first.bias.copy_(-first.weight[:, 0] * torch.linspace(-2.5, 2.5, len(first.bias)))
+
+
+def roughness(curves: Tensor) -> Tensor:
+    """Mean over the curves of the l2-norm of their first derivative over [0, 1]."""
+    return (curves.diff(dim=1) * (N_SAMPLES - 1)).pow(2).mean(dim=1).sqrt().mean()
+
+
+def _probe_latents(n_latent: int) -> Tensor:
+    latents = torch.zeros(len(PROBES), n_latent)
+    latents[:, 0] = torch.as_tensor(PROBES)
+    return latents
+
+
+#: What `crfbench train --all` trains, by the name of the weights file without its direction.
+RECIPES: dict[str, Recipe] = {
+    **{f"{name}-1": Recipe(constraint=name) for name in CONSTRAINTS},
+    **{f"{n}-3": Recipe(constraint=n, n_latent=3, learning_rate=5e-3, epochs=1500) for n in CONSTRAINTS if n != "auc"},
+}
+RECIPES |= {f"monotone-{k}": replace(RECIPES[f"ldl-{k}"], monotone=True) for k in (1, 3)}
+RECIPES |= {"open-1": RECIPES["monotone-1"]}

@@ -1,0 +1,174 @@
+"""SLR beyond the contract: shapes of network, validity by construction, weights files."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safetensors.numpy import load_file, save_file
+
+from crfbench.curves import as_valid_curves
+from crfbench.errors import FormatError, InputError, MissingDataError
+from crfbench.metrics import nonmonotone, off_endpoints, rmse
+from crfbench.models import SLR
+from crfbench.models.weights import shipped_weights
+
+SHIPPED = [pytest.param(*name.rsplit("-", 2), id=name) for name in shipped_weights()]
+
+
+def test_the_promised_weights_are_shipped_in_12_megabytes():
+    names = set(shipped_weights())
+    one = {f"{c}-1-inverse" for c in ("baseline", "ldl", "auc", "aae", "vae")}
+    three = {f"{c}-3-inverse" for c in ("baseline", "ldl", "aae", "vae")}
+    forward = {f"{c}-{k}-forward" for c in ("baseline", "ldl") for k in (1, 3)}
+    monotone = {f"{c}-1-{d}" for c in ("monotone", "open") for d in ("forward", "inverse")}
+    assert one | three | forward | monotone <= names
+
+
+@pytest.mark.parametrize(("name", "k", "direction"), SHIPPED)
+def test_shipped_models_have_an_honest_card(name, k, direction):
+    model = SLR.load(name, int(k), direction)
+    card = model.card_
+    assert (card["n_latent"], card["direction"], card["monotone"]) == (int(k), direction, name in {"monotone", "open"})
+    assert card["data"] == ("opencrf" if name == "open" else "dorf")
+    assert len(card["sha256 of the curves (float32)"]) == 64
+    latents = model.weights_["latents"].astype(float)
+    assert len(latents) == card["n_curves"]
+    sd = latents.std(axis=0)
+    kl = 0.5 * (latents.mean(axis=0) ** 2 + sd**2 - 2 * np.log(sd) - 1)
+    assert card["figures"]["kl"] == pytest.approx(kl.max(), rel=1e-6)
+    if card["constraint"] == "ldl":
+        assert np.abs(latents.mean(axis=0)).max() <= 0.05
+        assert np.abs(sd - 1).max() <= 0.05
+        assert kl.max() <= 0.005
+    drawn = np.random.default_rng(1).normal(size=(10_000, int(k)))
+    falls = int(nonmonotone(model.decode(drawn)).sum())
+    assert falls == card["figures"]["nonmonotone_of_10000"]
+    assert falls == 0 or name not in {"monotone", "open"}
+
+
+@pytest.mark.dorf
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+def test_cards_hold_the_figures_that_the_curves_give(direction, dorf_curves):
+    curves = dorf_curves.in_direction(direction)
+    for name, k in (("ldl", 1), ("monotone", 3)):
+        model = SLR.load(name, k, direction)
+        distance = rmse(model.decode(model.fit(curves)), curves)
+        assert (distance**2).mean() == pytest.approx(model.card_["figures"]["best_mse"], rel=5e-3)
+        encoder = rmse(model.decode(model.encode(curves)), curves)
+        assert (encoder**2).mean() == pytest.approx(model.card_["figures"]["encoder_mse"], rel=5e-3)
+        assert np.abs(model.encode(curves) - model.weights_["latents"]).max() < 2e-5
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2),
+    st.integers(0, 50),
+    st.sampled_from([(8,), (8, 4), (8, 4, 4)]),
+)
+def test_monotone_decodes_every_latent_to_a_response(latent, seed, hidden):
+    curve = SLR(hidden, n_latent=2, monotone=True, seed=seed).decode(latent)
+    as_valid_curves(curve, tolerance=1e-12)
+    assert not off_endpoints(curve, tolerance=0.0).any()
+
+
+@pytest.mark.parametrize(("name", "k"), [("ldl", 1), ("ldl", 3), ("monotone", 1)])
+def test_fit_beats_a_brute_force_search(name, k):
+    model = SLR.load(name, k, "inverse")
+    rng = np.random.default_rng(3)
+    curves = model.decode(rng.normal(size=(5, k))) ** 1.1
+    found = rmse(model.decode(model.fit(curves)), curves)
+    tried = model.decode(rng.normal(0, 1.5, size=(4000, k)))
+    brute = rmse(curves[:, None], tried[None]).min(axis=1)
+    assert (found <= brute + 1e-9).all()
+
+
+def test_seeds_decide_new_weights():
+    assert np.array_equal(SLR(seed=3).decode([0.5]), SLR(seed=3).decode([0.5]))
+    assert not np.array_equal(SLR(seed=3).decode([0.5]), SLR(seed=4).decode([0.5]))
+
+
+@pytest.mark.parametrize("hidden", [(), (5, 5, 5, 5), (0,), (10, -1)])
+def test_impossible_networks_are_refused(hidden):
+    with pytest.raises(InputError, match="one to three layers"):
+        SLR(hidden)
+
+
+def test_learning_without_training_is_refused():
+    with pytest.raises(InputError, match=r"crfbench\.training\.train"):
+        SLR.from_curves(np.eye(2), 1, "forward")
+
+
+@pytest.fixture
+def saved(tmp_path):
+    model = SLR((6, 4), n_latent=2, direction="inverse", monotone=True, seed=5)
+    model.card_ = {"data": "nothing", "constraint": "ldl"}
+    model.save(tmp_path / "new" / "w.safetensors")
+    return model, tmp_path / "new" / "w.safetensors"
+
+
+def test_saved_weights_come_back_whole(saved):
+    model, path = saved
+    again = SLR.load(path)
+    assert repr(again) == repr(model)
+    assert again.card_["data"] == "nothing"
+    assert np.array_equal(again.decode([[0.3, -1.0]]), model.decode([[0.3, -1.0]]))
+    assert [p.name for p in path.parent.iterdir()] == ["w.safetensors"]
+
+
+@pytest.mark.parametrize("keep", [0, 3, 100, 0.5, 0.999])
+def test_truncated_weights_are_refused(saved, keep):
+    _, path = saved
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * keep) if isinstance(keep, float) else keep])
+    with pytest.raises(FormatError, match=r"w\.safetensors is damaged"):
+        SLR.load(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_altered_weights_are_refused(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("weights") / "w.safetensors"
+    model = SLR((3,), seed=1)
+    model.save(path)
+    content = bytearray(path.read_bytes())
+    place = data.draw(st.integers(0, len(content) - 1))
+    content[place] ^= 1 << data.draw(st.integers(0, 7))
+    path.write_bytes(content)
+    try:
+        again = SLR.load(path)
+    except (FormatError, InputError):
+        return
+    assert np.array_equal(again.decode([0.1]), model.decode([0.1]))  # the flipped bit was of no consequence
+
+
+def test_foreign_weights_are_refused(tmp_path, saved):
+    foreign = tmp_path / "foreign.safetensors"
+    save_file({"a": np.zeros(3, np.float32)}, foreign)
+    with pytest.raises(FormatError, match="format None; use a weights file of format 'crfbench-slr-1'"):
+        SLR.load(foreign)
+    text = tmp_path / "text.safetensors"
+    text.write_text("not weights at all, but long enough to look like a header")
+    with pytest.raises(FormatError, match=r"text\.safetensors is damaged or no safetensors file"):
+        SLR.load(text)
+    with pytest.raises(MissingDataError, match=r"no weights file .*gone\.safetensors"):
+        SLR.load(tmp_path / "gone.safetensors")
+    with pytest.raises(InputError, match="no shipped weights 'ldl-2-inverse'; there are: aae-1-forward"):
+        SLR.load("ldl", 2)
+
+
+def test_weights_of_another_network_are_refused(saved):
+    model, path = saved
+    with pytest.raises(InputError, match="do not fit"):
+        SLR.from_weights(
+            load_file(path), {**model.card_, "hidden": [6], "n_latent": 2, "direction": "inverse", "monotone": True}
+        )
+
+
+def test_the_card_is_plain_json(saved):
+    _, path = saved
+    header = path.read_bytes()
+    size = int.from_bytes(header[:8], "little")
+    card = json.loads(json.loads(header[8 : 8 + size])["__metadata__"]["card"])
+    assert card["hidden"] == [6, 4]
