@@ -4,13 +4,12 @@ Run it with: make bench. The ratio is the claim; the seconds are of this machine
 """
 
 import argparse
-import time
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from timing import median_seconds
 
 from crfbench import load_responses
 from crfbench.curves import GRID, Array
@@ -35,16 +34,6 @@ def scipy_loop_with_jacobian(curves: Array) -> Array:
 
 
 _LOOPS = {"SciPy least_squares, defaults": scipy_loop, "SciPy lm, analytic Jacobian": scipy_loop_with_jacobian}
-
-
-def median_seconds(run: Callable[[], object], repeats: int) -> float:
-    """Time a call several times and return the median."""
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        run()
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds))
 
 
 def main() -> None:

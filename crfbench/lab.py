@@ -62,6 +62,7 @@ def open_lab(folder: Path, extra: list[str]) -> int:
         More options for ``jupyter lab``, for example ``--no-browser``.
     """
     command = [sys.executable, "-m", "jupyterlab", "--ServerApp.ip=127.0.0.1", f"--ServerApp.root_dir={folder}"]
+    command.append(f"--LabApp.default_url=/lab/tree/{START}")  # so that the address printed leads there too
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         command.append("--allow-root")  # containers run as root; the server still listens on this machine only
-    return subprocess.run([*command, str(folder / START), *extra], check=False).returncode  # noqa: S603
+    return subprocess.run([*command, *extra], check=False).returncode  # noqa: S603

@@ -35,8 +35,11 @@ def one(table, **wanted):
 def test_rows_are_complete_and_unique(table):
     assert tuple(table.columns) == COLUMNS
     assert not table.duplicated(subset=list(KEYS)).any()
-    ours = table[table["model"] != "EMoR"]  # rows with the published basis need its files
-    assert len(ours) == 14 * 2 * 2
+    classical = table[~table["model"].str.startswith("SLR") & (table["model"] != "EMoR")]
+    assert len(classical) == 14 * 2 * 2
+    slr = table[table["model"].str.startswith("SLR")]
+    assert set(slr.loc[slr["split"] == "in-sample", "model"]) == {"SLR-open"}  # the others learned from DoRF
+    assert {"SLR-ldl", "SLR-monotone", "SLR-vae"} <= set(slr.loc[slr["split"] == "other-set", "model"])
     assert (table["verdict"] == "not comparable").all()  # the paper fitted DoRF, not OpenCRF
     assert table["paper"].isna().all()
 

@@ -23,7 +23,8 @@ def test_jupyterlab_listens_here_only_and_keeps_its_token(tmp_path, monkeypatch)
     (command,) = seen
     assert command[:3] == [sys.executable, "-m", "jupyterlab"]
     assert "--ServerApp.ip=127.0.0.1" in command
-    assert str(tmp_path / lab.START) in command
+    assert f"--ServerApp.root_dir={tmp_path}" in command
+    assert f"--LabApp.default_url=/lab/tree/{lab.START}" in command
     assert command[-1] == "--no-browser"
     assert not any("token" in word or "password" in word for word in command)
 

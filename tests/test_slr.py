@@ -84,6 +84,16 @@ def test_fit_beats_a_brute_force_search(name, k):
     assert (found <= brute + 1e-9).all()
 
 
+@pytest.mark.parametrize(("name", "k"), [("ldl", 1), ("vae", 3), ("monotone", 3)])
+def test_single_precision_decodes_the_same(name, k):
+    model = SLR.load(name, k, "inverse")
+    z = np.random.default_rng(2).normal(0, 3, size=(300, k))
+    fast = model.decode_float32(z)
+    assert fast.dtype == np.float32
+    assert np.abs(fast - model.decode(z)).max() < 1e-5
+    assert np.array_equal(model.decode_float32(z[7])[0], model.decode_float32(z[7:8])[0])
+
+
 def test_seeds_decide_new_weights():
     assert np.array_equal(SLR(seed=3).decode([0.5]), SLR(seed=3).decode([0.5]))
     assert not np.array_equal(SLR(seed=3).decode([0.5]), SLR(seed=4).decode([0.5]))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from crfbench.curves import Array, Direction, as_curves, check_direction, repair
 from crfbench.errors import InputError
@@ -167,7 +167,7 @@ def refine(
     return model.from_free(free.reshape(n, s, k)[np.arange(n), best])
 
 
-def nearest_in_table(curves: ArrayLike, table: Array, decoded: Array, n_best: int) -> Array:
+def nearest_in_table(curves: ArrayLike, table: Array, decoded: NDArray[np.floating], n_best: int) -> Array:
     """Return the `n_best` rows of a parameter table whose curves lie nearest to each curve.
 
     One matrix product measures all distances: |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and |a|^2 ranks nothing. Every

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from crfbench.curves import N_SAMPLES, Array, Direction, as_curves
 from crfbench.errors import InputError
@@ -25,6 +25,7 @@ from crfbench.models.weights import load_weights, save_weights
 
 LEAST_STEP = 1e-6  #: Added to every step of a monotone curve, which keeps it strictly rising.
 _TABLE_SIZE = 4096
+_ROWS_IN_CACHE = 128  # decoded together in single precision
 _REACH = 1.25  # the table reaches this much farther from the mean than the training latents do
 
 
@@ -142,6 +143,32 @@ class SLR(ResponseModel):
             h = np.maximum(h @ w.T + b, 0.0)
         return self._output(h @ weight.T + bias)
 
+    def decode_float32(self, params: ArrayLike) -> NDArray[np.float32]:
+        """Decode latents (n, k) in single precision, within 1e-5 of `decode`: for dense tables, where speed counts."""
+        latents = np.atleast_2d(self._params(params)).astype(np.float32)
+        curves = np.empty((len(latents), N_SAMPLES), dtype=np.float32)
+        for first in range(0, len(latents), _ROWS_IN_CACHE):
+            rows = slice(first, first + _ROWS_IN_CACHE)
+            self._decode_rows(latents[rows], curves[rows])
+        return curves
+
+    def _decode_rows(self, h: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+        for i in range(len(self.hidden)):
+            h = np.maximum(h @ self.weights_[f"decoder.{i}.weight"].T + self.weights_[f"decoder.{i}.bias"], 0.0)
+        last = len(self.hidden)
+        raw = h @ self.weights_[f"decoder.{last}.weight"].T
+        raw += self.weights_[f"decoder.{last}.bias"]
+        np.clip(raw, -80.0, 80.0, out=raw)  # beyond, exp leaves single precision
+        if self.monotone:
+            steps = np.log1p(np.exp(raw, out=raw), out=raw)
+            np.cumsum(steps + np.float32(LEAST_STEP), axis=1, out=out[:, 1:])
+            out[:, 0] = 0.0
+            out /= out[:, -1:]
+        else:
+            np.exp(np.negative(raw, out=raw), out=raw)
+            raw += 1.0
+            np.reciprocal(raw, out=out)
+
     def encode(self, curves: ArrayLike) -> Array:
         """Turn curves (n, 1024) into the latents (n, k) that the encoder gives them; `fit` finds better ones."""
         *hidden, (weight, bias) = self._layers("encoder")
@@ -163,7 +190,7 @@ class SLR(ResponseModel):
     def fit(self, curves: ArrayLike) -> Array:
         """Search a dense table of latents, then polish the nearest few; keep the best."""
         batch, table = as_curves(curves), self._table()
-        nearest = nearest_in_table(batch, table, self.decode(table), n_best=2 * self.n_params)
+        nearest = nearest_in_table(batch, table, self.decode_float32(table), n_best=2 * self.n_params)
         return refine(self, batch, nearest, max_steps=30)  # the table is dense, and the bends of ReLU stop Newton
 
     def _table(self) -> Array:

@@ -46,7 +46,7 @@ def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECT
         shipped weights.
     """
     rows = [row for direction in directions for row in _rows(responses, direction)]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"paper": float})
 
 
 def fitting_tables(which: str = "auto") -> dict[str, pd.DataFrame]:
