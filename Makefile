@@ -25,6 +25,8 @@ tables: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/fitting.py
+	$(BIN)/python benchmarks/decoding.py
+	$(BIN)/python benchmarks/slider.py
 
 # Runs every notebook from a fresh kernel and stores the outputs, without widget state or timings.
 notebooks: $(READY)

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from crfbench.curves import GRID, Direction, axis_labels
+from crfbench.history import History
 from crfbench.paper import FITTING
 
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
@@ -149,5 +150,82 @@ def plot_validity(table: pd.DataFrame, direction: Direction = "forward", ax: Axe
     names = [f"{model} {k}" for model, k in zip(rows["model"], rows["n_params"], strict=True)]
     ax.set_xticks(place, names, rotation=60, ha="right", fontsize="small")
     ax.set(ylabel="share of fitted curves (%)", xlabel="model and number of parameters", ylim=(0, 100))
+    ax.legend(fontsize="small")
+    return ax
+
+
+_REACH = 5.0  # latents shown to either side of 0; those beyond count in the outermost bins
+_BINS = np.linspace(-_REACH, _REACH, 41)
+_NORMAL = np.exp(-(_BINS**2) / 2) / np.sqrt(2 * np.pi)
+_MOST = 0.8  # density at the end of the colour scale: twice the peak of N(0, 1)
+
+
+def plot_latent_epochs(histories: Mapping[str, History], axes: Sequence[Axes] | None = None) -> list[Axes]:
+    """Draw the density of the training curves' latents, epoch by epoch, beside their objective: the paper's figure.
+
+    Epochs are spaced by their logarithm, for most happens early. All pictures share one scale of colours.
+
+    Parameters
+    ----------
+    histories : mapping of str to History
+        By the titles to give them; of several latents the first is drawn.
+    axes : sequence of Axes, optional
+        One more than there are histories, for the objective N(0, 1) comes first.
+
+    Returns
+    -------
+    list of Axes
+    """
+    panels = list(axes) if axes is not None else _latent_panels(len(histories) + 1)
+    last = max(int(history.epochs[-1]) for history in histories.values())
+    pictures = [("objective N(0, 1)", np.array([0, last]), np.tile(_bin_means(), (2, 1)))]
+    pictures += [(title, h.epochs, _densities(h.latents[:, :, 0])) for title, h in histories.items()]
+    for ax, letter, (title, epochs, densities) in zip(panels, "abcdefghijklmnopqrstuvwxyz", pictures, strict=False):
+        mesh = ax.pcolormesh(_edges(epochs), _BINS, densities.T, vmin=0, vmax=_MOST, cmap="viridis", rasterized=True)
+        ax.set(title=f"({letter}) {title}", xscale="log", xlim=(1, last + 1), yticks=range(-4, 5, 2))
+        ax.xaxis.set_major_formatter("{x:.0f}")
+    for ax in panels[-3:]:
+        ax.set_xlabel("epochs trained (log scale)")
+    for ax in panels[::3]:
+        ax.set_ylabel("latent z (no unit)")
+    colours = ax.figure.colorbar(mesh, ax=panels, extend="max", pad=0.015, aspect=40)
+    colours.set_label(f"density of the latent (beyond ±{_REACH:.0f}: in the outermost bins)")
+    return panels
+
+
+def _latent_panels(count: int) -> list[Axes]:
+    """Return axes of pictures in rows of three."""
+    rows = -(-count // 3)
+    figure, grid = plt.subplots(
+        rows, 3, figsize=(10.5, 2.9 * rows), sharex=True, sharey=True, squeeze=False, layout="constrained"
+    )
+    for ax in grid.flat[count:]:
+        figure.delaxes(ax)
+    return list(grid.flat[:count])
+
+
+def _edges(epochs: np.ndarray) -> np.ndarray:
+    """Return where the columns begin, each lasting until the next epoch that was kept, and where the last ends."""
+    return np.append(epochs + 1, epochs[-1] + 2).astype(float)
+
+
+def _densities(latents: np.ndarray) -> np.ndarray:
+    """Return histograms (e, 40) of latents (e, n) as densities."""
+    counts = [np.histogram(np.clip(row, -_REACH, _REACH), _BINS)[0] for row in latents]
+    return np.array(counts) / (latents.shape[1] * (_BINS[1] - _BINS[0]))
+
+
+def _bin_means() -> np.ndarray:
+    """Return the density of N(0, 1) in each bin."""
+    return np.asarray((_NORMAL[:-1] + _NORMAL[1:]) / 2)
+
+
+def plot_latent_histogram(latents: ArrayLike, ax: Axes | None = None) -> Axes:
+    """Draw the histogram of latents, shape (n,) or (n, 1), as a density over the outline of N(0, 1)."""
+    ax = _axes(ax, 5.0, 3.0)
+    values = np.ravel(np.asarray(latents))
+    ax.stairs(_densities(values[None])[0], _BINS, fill=True, color=PALETTE[0], alpha=0.6, label=f"{len(values)} curves")
+    ax.plot(_BINS, _NORMAL, color=PALETTE[1], ls="--", label="N(0, 1)")
+    ax.set(xlabel=f"latent z (no unit; beyond ±{_REACH:.0f}: outermost bins)", ylabel="density (per unit of z)")
     ax.legend(fontsize="small")
     return ax

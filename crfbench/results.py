@@ -14,9 +14,13 @@ from crfbench import plots
 from crfbench.datasets import Responses, load_emor_basis, load_patches, load_responses, registry
 from crfbench.datasets.middlebury import patch_intensity
 from crfbench.files import write_atomically
+from crfbench.history import load_history
 from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
 from crfbench.tables.fitting import fitting_tables
+from crfbench.tables.latents import latent_table
 from crfbench.tables.recorded import to_rows
+
+_HISTORIES = ("ldl", "auc", "aae", "vae", "baseline")  # in the order of the paper's figure
 
 
 def build_results(folder: Path) -> Iterator[Path]:
@@ -31,6 +35,7 @@ def build_results(folder: Path) -> Iterator[Path]:
     tables = fitting_tables()
     for title, table in tables.items():
         yield from _write_table(folder / f"fitting_{title.split(',')[0]}", table)
+    yield from _write_table(folder / "latents", latent_table())
     for name, ax in _figures(load_responses("auto"), tables):
         yield from _write_figure(folder / name, ax)
 
@@ -60,6 +65,7 @@ def _figures(responses: Responses, tables: dict[str, pd.DataFrame]) -> Iterator[
         yield "spread", plots.plot_spread({"DoRF": responses.curves, "OpenCRF": opencrf.curves})
     yield "patches", plots.plot_patches(patch_intensity(load_patches()))
     yield "comparison", comparison(responses)
+    yield "latent_epochs", plots.plot_latent_epochs({name: load_history(name) for name in _HISTORIES})[0]
     for title, table in tables.items():
         yield f"fitting_{title.split(',')[0]}", plots.plot_fitting(table)
         yield f"validity_{title.split(',')[0]}", plots.plot_validity(table)

@@ -198,7 +198,7 @@ class Trainer:
     """
 
     def __init__(self, curves: np.ndarray, direction: Direction, recipe: Recipe) -> None:
-        self.recipe, self.curves = recipe, torch.as_tensor(curves, dtype=torch.float32)
+        self.recipe, self.curves = recipe, torch.tensor(curves, dtype=torch.float32)
         self.losses: list[dict[str, float]] = []
         self._latents: list[Tensor] = []
         self._probes: list[Tensor] = []

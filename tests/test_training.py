@@ -1,5 +1,6 @@
 """Training: recover known truth, keep every promise of the loop, and agree with NumPy."""
 
+import json
 import signal
 import threading
 
@@ -16,7 +17,7 @@ from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.history import PROBES, History, load_history
 from crfbench.metrics import mse, nonmonotone, off_endpoints
 from crfbench.models import SLR, EMoR
-from crfbench.training import Recipe, Trainer, roughness, to_torch, train
+from crfbench.training import RECIPES, Recipe, Trainer, roughness, to_torch, train
 
 GAMMAS = GRID ** np.exp(np.linspace(-1, 1, 40))[:, None]
 QUICK = Recipe(hidden=(12, 6), epochs=40)
@@ -234,3 +235,17 @@ def test_shipped_histories_end_at_the_shipped_weights(constraint):
 def test_histories_with_unequal_columns_are_refused():
     with pytest.raises(InputError, match="one row an epoch"):
         History("ldl", np.arange(3), {}, np.zeros((2, 4, 1)), np.zeros((3, 9, 65)))
+
+
+@pytest.mark.dorf
+def test_training_again_gives_the_shipped_figures(dorf_curves):
+    """Bit by bit on the machine that trained them; elsewhere sums round otherwise and the training goes its own way."""
+    shipped = SLR.load("ldl", 1, "inverse")
+    curves = dorf_curves.in_direction("inverse")
+    model, history = train(curves, "inverse", RECIPES["ldl-1"])
+    card = json.loads(json.dumps(model.card_))
+    assert card == {key: shipped.card_[key] for key in card}
+    best = mse(model.decode(model.fit(curves)), curves).mean()
+    assert best == pytest.approx(shipped.card_["figures"]["best_mse"], rel=0.3)
+    assert best <= 5.57e-4
+    assert abs(history.latents[-1].std() - 1) < 0.05

@@ -1,5 +1,8 @@
 """Interactive views for notebooks; their JavaScript and styles lie in ``static``."""
 
+from crfbench.widgets.epoch_player import EpochPlayer
+from crfbench.widgets.latent_explorer import LatentExplorer
 from crfbench.widgets.model_explorer import ModelExplorer
+from crfbench.widgets.training_panel import TrainingPanel
 
-__all__ = ["ModelExplorer"]
+__all__ = ["EpochPlayer", "LatentExplorer", "ModelExplorer", "TrainingPanel"]

@@ -1,8 +1,6 @@
 """ModelExplorer as a user meets it: mouse, keyboard, theme and a narrow window."""
 
-import os
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +8,8 @@ import pytest
 from crfbench.curves import GRID
 from crfbench.metrics import rmse
 from crfbench.models import GGCM
+
+from .looks import colours, drag, overflowing, picture, readout, screenshot, settled, switch_theme
 
 pytestmark = pytest.mark.browser
 
@@ -46,20 +46,6 @@ def page(opened, run_python: Callable):
     return opened
 
 
-def picture(page) -> str:
-    return page.evaluate("document.querySelector('.crf canvas').toDataURL()")
-
-
-def readout(page, name: str) -> str:
-    return page.locator(".crf-readouts div").filter(has=page.get_by_text(name, exact=True)).locator("dd").inner_text()
-
-
-def settled(page) -> None:
-    """Wait until Python has answered all that the page asked, and the answer is painted."""
-    page.wait_for_selector(".crf[aria-busy=false]")
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-
 def wait_for_change(page, name: str, before: str) -> None:
     page.wait_for_function(
         """([name, before]) => [...document.querySelectorAll(".crf-readouts div")].some(
@@ -67,23 +53,6 @@ def wait_for_change(page, name: str, before: str) -> None:
         arg=[name, before],
     )
     settled(page)
-
-
-def drag(page, slider, share: float) -> None:
-    """Drag the thumb from the middle by that share of the slider's length, in many small moves."""
-    box = slider.bounding_box()
-    y = box["y"] + box["height"] / 2
-    page.mouse.move(box["x"] + box["width"] / 2, y)
-    page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] * (0.5 + share), y, steps=25)
-    page.mouse.up()
-
-
-def screenshot(page, name: str) -> None:
-    """Keep a picture of the widget for a look at it, where CRFBENCH_SHOTS names a folder."""
-    if folder := os.environ.get("CRFBENCH_SHOTS"):
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        page.locator(".jp-OutputArea:has(.crf)").screenshot(path=Path(folder) / f"{name}.png")
 
 
 def test_mouse_drag_changes_curve_and_errors(page, run_python: Callable) -> None:
@@ -187,42 +156,12 @@ def test_colours_follow_the_theme(page) -> None:
     switch_theme(page, "JupyterLab Light", picture(page))
 
 
-def switch_theme(page, theme: str, before: str) -> None:
-    page.evaluate("(theme) => jupyterapp.commands.execute('apputils:change-theme', { theme })", theme)
-    page.wait_for_function("(before) => document.querySelector('.crf canvas').toDataURL() !== before", arg=before)
-    page.wait_for_function(
-        """(dark) => document.querySelector(".crf").style.colorScheme === (dark ? "dark" : "light")""",
-        arg=theme.endswith("Dark"),
-    )
-    page.wait_for_selector("#jupyterlab-splash", state="detached")
-    settled(page)
-
-
-def colours(page) -> dict[str, bool]:
-    """Say which of the two blues is on the canvas."""
-    return page.evaluate(
-        """() => {
-            const canvas = document.querySelector(".crf canvas");
-            const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-            const seen = new Set();
-            for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255) {
-                seen.add("#" + [0, 1, 2].map((k) => data[i + k].toString(16).padStart(2, "0")).join("").toUpperCase());
-            }
-            return Object.fromEntries(["#0072B2", "#56B4E9"].map((name) => [name, seen.has(name)]));
-        }"""
-    )
-
-
 def test_fits_a_narrow_window(page) -> None:
     size = page.viewport_size
     page.set_viewport_size({"width": 400, "height": 900})
     page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
     settled(page)
     screenshot(page, "narrow")
-    overflow = page.evaluate(
-        """() => [...document.querySelectorAll(".crf, .crf *, .jp-OutputArea-output")]
-            .filter((node) => node.clientWidth > 0 && node.scrollWidth > node.clientWidth + 1)
-            .map((node) => `${node.tagName} ${node.className}`)"""
-    )
+    overflow = overflowing(page)
     page.set_viewport_size(size)
     assert overflow == []

@@ -35,10 +35,14 @@ function followTheme(root, onChange) {
 
 function labelledSelect(label, options, onChange) {
   const input = element("select", { id: newId(), ...KEEP_KEYS });
-  input.append(...options.map((option, i) => element("option", { value: i }, option)));
   input.addEventListener("change", () => onChange(input.selectedIndex));
+  offer(input, options);
   const box = element("div", { class: "crf-field" }, element("label", { for: input.id }, label), input);
   return { box, input };
+}
+
+function offer(select, options) {
+  select.replaceChildren(...options.map((option, i) => element("option", { value: i }, option)));
 }
 
 function button(text, onClick, attributes = {}) {

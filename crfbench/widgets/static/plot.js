@@ -1,4 +1,4 @@
-// A small plot of sampled curves on a canvas, shared by the widgets. Joined in front of a widget's own module.
+// Small plots on a canvas, shared by the widgets. Joined in front of a widget's own module.
 
 // Okabe and Ito's colours, told apart with any colour vision: [on a light ground, on a dark ground].
 const COLOURS = {
@@ -13,10 +13,10 @@ const LEGEND_LINE = 26; // length of the line sample
 const LEGEND_GAP = 16; // between two entries
 const ROW = 18; // height of a row of legend
 
-// The samples of a binary trait: a DataView at any offset, so the bytes are copied to where floats may lie.
-function float32(view) {
-  return new Float32Array(view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength));
-}
+// The samples of a binary trait: a DataView at any offset, so the bytes are copied to where numbers may lie.
+const bytesOf = (view) => view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength);
+const float32 = (view) => new Float32Array(bytesOf(view));
+const uint16 = (view) => new Uint16Array(bytesOf(view));
 
 // About `count` round numbers (1, 2 or 5 times a power of ten) between min and max.
 function ticks({ min, max }, count) {
@@ -49,26 +49,18 @@ function legendEntries(context, series, width) {
   });
 }
 
-/**
- * Draws figures of the form
- *   { x: { label, min, max }, y: { label, min, max }, series: [{ label, samples, colour, dash }], description }
- * where `samples` are spread evenly over the x axis, `colour` is a key of COLOURS, `dash` one of DASHES and
- * `description` what a screen reader says. The size is the one that the style sheet gives to the canvas.
- */
-class CurvePlot {
-  constructor() {
-    this.canvas = element("canvas", { class: "crf-canvas", role: "img" });
-    this.figure = null;
+// A canvas as large as the style sheet makes it, painted at most once a frame; `paint(context)` is the subclass's.
+class Sketch {
+  constructor(name) {
+    this.canvas = element("canvas", { class: name, role: "img" });
     this.frame = 0;
     this.width = this.height = 0;
     this.observer = new ResizeObserver(() => this.schedule());
     this.observer.observe(this.canvas);
   }
 
-  draw(figure) {
-    this.figure = figure;
-    this.canvas.setAttribute("aria-label", figure.description);
-    this.schedule();
+  describe(text) {
+    this.canvas.setAttribute("aria-label", text);
   }
 
   destroy() {
@@ -79,7 +71,7 @@ class CurvePlot {
   schedule() {
     this.frame ||= requestAnimationFrame(() => {
       this.frame = 0;
-      if (this.figure && this.measure()) this.paint();
+      if (this.figure && this.measure()) this.paint(this.begin());
     });
   }
 
@@ -90,17 +82,14 @@ class CurvePlot {
     return isConnected && this.width > 0;
   }
 
-  paint() {
+  // An empty canvas with the theme's ink and letters.
+  begin() {
     const context = this.clear();
     const style = getComputedStyle(this.canvas);
     this.ink = style.color;
     this.dark = isDarkGround(this.canvas);
     context.font = `${FONT_SIZE}px ${style.fontFamily}`;
-    const entries = legendEntries(context, this.figure.series, this.width - 56);
-    this.place(entries.at(-1).row + 1);
-    this.paintAxes(context);
-    this.paintCurves(context);
-    for (const entry of entries) this.paintLegend(context, entry);
+    return context;
   }
 
   // One canvas pixel is one device pixel, so lines and letters are crisp; drawing is in CSS pixels.
@@ -114,6 +103,41 @@ class CurvePlot {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
     return context;
+  }
+
+  setLine(context, { colour, dash, width = LINE_WIDTH }) {
+    context.strokeStyle = COLOURS[colour][Number(this.dark)];
+    context.lineWidth = width;
+    context.lineJoin = "round";
+    context.setLineDash(DASHES[dash]);
+  }
+}
+
+/**
+ * Draws figures of the form
+ *   { x: { label, min, max, gap }, y: { label, min, max }, series: [{ label, samples, colour, dash, ... }], description }
+ * where `samples` are spread evenly over the x axis, `colour` is a key of COLOURS, `dash` one of DASHES and
+ * `description` what a screen reader says. A series may have a `width` of its own and be `mirrored` at the diagonal,
+ * which shows the inverse of a curve; both axes must then show the same range of 0 to 1. `gap` is how near to each
+ * other the numbers of the x axis may stand, 56 pixels if not given.
+ */
+class CurvePlot extends Sketch {
+  constructor() {
+    super("crf-canvas");
+  }
+
+  draw(figure) {
+    this.figure = figure;
+    this.describe(figure.description);
+    this.schedule();
+  }
+
+  paint(context) {
+    const entries = legendEntries(context, this.figure.series, this.width - 56);
+    this.place(entries.at(-1).row + 1);
+    this.paintAxes(context);
+    this.paintCurves(context);
+    for (const entry of entries) this.paintLegend(context, entry);
   }
 
   place(legendRows) {
@@ -138,7 +162,7 @@ class CurvePlot {
       context.textAlign = "right";
       context.fillText(value, left - 7, this.toY(value));
     }
-    for (const value of ticks(x, (right - left) / 56)) {
+    for (const value of ticks(x, (right - left) / (x.gap ?? 56))) {
       this.paintGridLine(context, this.toX(value), top, this.toX(value), bottom);
       context.textAlign = value === x.max ? "right" : "center";
       context.fillText(value, this.toX(value) + (value === x.max ? 4 : 0), bottom + 12);
@@ -179,12 +203,14 @@ class CurvePlot {
 
   paintCurve(context, curve) {
     const { samples } = curve;
+    const last = samples.length - 1;
     // Browsers drop paths that run off to enormous coordinates.
     const onCanvas = (y) => Math.min(2 * this.bottom, Math.max(-this.bottom, y));
-    const stride = (this.right - this.left) / (samples.length - 1);
+    const stride = (this.right - this.left) / last;
     this.setLine(context, curve);
     context.beginPath();
-    samples.forEach((value, i) => context.lineTo(this.left + i * stride, onCanvas(this.toY(value))));
+    if (curve.mirrored) samples.forEach((value, i) => context.lineTo(this.toX(value), this.toY(i / last)));
+    else samples.forEach((value, i) => context.lineTo(this.left + i * stride, onCanvas(this.toY(value))));
     context.stroke();
   }
 
@@ -197,12 +223,5 @@ class CurvePlot {
     context.stroke();
     context.textAlign = "left";
     context.fillText(label, start + LEGEND_LINE + 6, y);
-  }
-
-  setLine(context, { colour, dash }) {
-    context.strokeStyle = COLOURS[colour][Number(this.dark)];
-    context.lineWidth = LINE_WIDTH;
-    context.lineJoin = "round";
-    context.setLineDash(DASHES[dash]);
   }
 }

@@ -1,0 +1,67 @@
+"""A widget as one HTML page that works from a file: no Python, no server, and no request leaves it.
+
+For widgets whose JavaScript does all the work by itself.
+"""
+
+import base64
+import html
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from string import Template
+
+import anywidget
+
+from crfbench.errors import InputError
+from crfbench.files import write_atomically
+from crfbench.widgets.assets import join
+
+
+def page(widget: anywidget.AnyWidget, title: str, state: Mapping[str, object] | None = None) -> str:
+    """Return the page, holding the widget's module, styles and synchronised traits.
+
+    Parameters
+    ----------
+    widget : AnyWidget
+    title : str
+        Plain text.
+    state : mapping, optional
+        Values to take instead of the widget's own, by the name of their traits.
+    """
+    content = {"module": str(widget._esm), "css": str(widget._css), "state": {**_state(widget), **(state or {})}}
+    # No "<" means that nothing in the JSON can end the script element it lies in.
+    text = json.dumps(content, default=_base64).replace("<", "\\u003c")
+    script = join("controls.js", "page.js")
+    return Template(join("page.html")).substitute(title=html.escape(title), content=text, script=script)
+
+
+def frame(document: str, instead: str) -> str:
+    """Return a page as a frame to put into another page, which it fits to its own height.
+
+    Parameters
+    ----------
+    document : str
+        A page.
+    instead : str
+        Text for where frames are not shown, as in notebooks that are not trusted yet.
+    """
+    style = "width: 100%; height: 640px; border: 0"
+    return f'<iframe srcdoc="{html.escape(document)}" style="{style}">{html.escape(instead)}</iframe>'
+
+
+def write_new(path: str | Path, content: bytes, overwrite: bool) -> None:
+    """Write a file, complete or not at all, and replace an older one only where `overwrite` says so."""
+    if Path(path).exists() and not overwrite:
+        raise InputError(f"{path} exists already; use another path or overwrite=True")
+    write_atomically(Path(path), content)
+
+
+def _state(widget: anywidget.AnyWidget) -> dict[str, object]:
+    """Return what the widget itself synchronises, without what every widget does."""
+    common = {*anywidget.AnyWidget.class_trait_names(sync=True), "_anywidget_id", "_esm", "_css"}
+    state: dict[str, object] = widget.get_state(set(widget.trait_names(sync=True)) - common)
+    return state
+
+
+def _base64(value: bytes | memoryview) -> dict[str, str]:
+    return {"base64": base64.b64encode(value).decode()}

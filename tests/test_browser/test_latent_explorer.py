@@ -1,0 +1,303 @@
+"""LatentExplorer as a user meets it: in JupyterLab, in a page of its own, and in a notebook made into HTML."""
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from itertools import product
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+
+from crfbench.curves import GRID
+from crfbench.datasets import load_opencrf
+from crfbench.metrics import rmse
+from crfbench.models import Gamma
+from crfbench.models.slr import SLR
+from crfbench.widgets import LatentExplorer
+
+from .looks import colours, drag, overflowing, picture, readout, screenshot, settled, switch_theme
+
+pytestmark = pytest.mark.browser
+
+CELLS = [
+    """import json
+from crfbench import load_responses
+from crfbench.models.slr import SLR
+from crfbench.widgets import LatentExplorer
+models = {name: SLR.load(f"{name}.safetensors") for name in json.load(open("models.json"))}
+explorer = LatentExplorer(models, load_responses("opencrf"))""",
+    "explorer",
+]
+LATENTS = {1: (-1.37,), 3: (0.9, -2.15, 0.4)}
+
+
+def smooth_model(n_latent: int, direction: str, monotone: bool) -> SLR:
+    """Return a model whose weights are random, but whose curves are smooth enough to look at."""
+    model = SLR((8, 5), n_latent, direction, monotone)
+    x = GRID[1:] if monotone else np.clip(GRID, 1e-3, 1 - 1e-3)
+    shift = np.log(x) if monotone else np.log(x**2 / (1 - x**2))
+    model.weights_["decoder.0.weight"] *= 2
+    model.weights_["decoder.2.weight"] = np.stack([3 / i * np.sin(np.pi * x * i) for i in range(1, 9)], 1).astype("f4")
+    model.weights_["decoder.2.bias"] = (shift if direction == "inverse" else -shift[::-1]).astype("f4")
+    model.card_ = {"constraint": "ldl", "data": "opencrf"}
+    return model
+
+
+MODELS = {
+    f"{'monotone' if monotone else 'ldl'}-{k}-{direction}": smooth_model(k, direction, monotone)
+    for monotone, k, direction in product((False, True), (1, 3), ("inverse", "forward"))
+}
+MODELS["baseline-1-inverse"] = smooth_model(1, "inverse", False)
+MODELS["baseline-1-inverse"].card_["constraint"] = "baseline"
+
+
+@pytest.fixture(scope="module")
+def opened(open_notebook: Callable, lab):
+    for name, model in MODELS.items():
+        model.save(lab.folder / f"{name}.safetensors")
+    (lab.folder / "models.json").write_text(str(list(MODELS)).replace("'", '"'), encoding="utf-8")
+    page = open_notebook("latent.ipynb", CELLS)
+    page.wait_for_selector(".crf", timeout=30_000)
+    return page
+
+
+@pytest.fixture
+def page(opened, run_python: Callable):
+    """Return the page with the one-latent inverse LDL model at 0."""
+    show(opened, run_python, "ldl-1-inverse", (0.0,))
+    return opened
+
+
+def show(page, run_python: Callable, name: str, latent: tuple[float, ...]) -> None:
+    run_python(page, f"explorer.model_name = {name!r}; explorer.latent = {latent}")
+    wait_for_label(page, name, latent)
+
+
+def wait_for_label(page, name: str, latent: tuple[float, ...]) -> None:
+    at = ", ".join(f"{z:.2f}".replace("-", "−") for z in latent)
+    page.get_by_role("img", name=f"Curve of {name} at {at}:").wait_for()
+
+
+def wait_for_python(page, run_python: Callable, latent: tuple[float, ...]) -> None:
+    """Wait until the last move has reached Python; Jupyter sends the next one only when Python has taken the last."""
+    end = time.monotonic() + 5
+    while (held := tuple(map(float, run_python(page, "print(*explorer.latent)").split()))) != latent:
+        assert time.monotonic() < end, f"Python has {held}, not {latent}"
+
+
+def saved_curve(page, where: Path) -> np.ndarray:
+    """Press "Save CSV" and return irradiance and brightness as rows."""
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save CSV").click()
+    download.value.save_as(where)
+    assert where.read_text().startswith("irradiance,brightness\n")
+    return np.loadtxt(where, delimiter=",", skiprows=1).T
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_page_decodes_as_numpy_does(page, run_python: Callable, tmp_path: Path, name: str) -> None:
+    model = MODELS[name]
+    latent = LATENTS[model.n_params]
+    show(page, run_python, name, latent)
+    irradiance, brightness = saved_curve(page, tmp_path / "curve.csv")
+    x, y = (irradiance, brightness) if model.direction == "forward" else (brightness, irradiance)
+    np.testing.assert_allclose(x, GRID, atol=1e-8)
+    np.testing.assert_allclose(y, model.decode(latent), atol=1e-7)
+    assert np.ptp(y - model.decode(np.zeros(model.n_params))) > 0.01, "the latent must matter for this test to tell"
+
+
+def test_mouse_drag_moves_curve_and_python(page, run_python: Callable) -> None:
+    before = picture(page)
+    slider = page.get_by_role("slider", name="latent z")
+    drag(page, slider, 0.2)
+    settled(page)
+    reached = float(slider.input_value())
+    assert reached == pytest.approx(0.2 * 8, abs=0.2)
+    wait_for_python(page, run_python, (reached,))
+    assert picture(page) != before
+    wait_for_label(page, "ldl-1-inverse", (reached,))
+
+
+def test_keyboard_moves_the_slider_and_not_the_notebook(page, run_python: Callable) -> None:
+    slider = page.get_by_role("slider", name="latent z")
+    slider.focus()
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    wait_for_python(page, run_python, (0.1,))
+    page.keyboard.press("PageDown")
+    assert float(slider.input_value()) < -0.5
+    for key, end in (("Home", -4.0), ("End", 4.0)):
+        page.keyboard.press(key)
+        wait_for_python(page, run_python, (end,))
+    assert slider.get_attribute("aria-valuetext") == "4.00"
+    assert page.evaluate("document.activeElement.type") == "range"
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineWidth") == "3px"
+    assert page.locator(".jp-CodeCell").count() == len(CELLS)
+
+
+def test_only_models_that_exist_are_offered(page, run_python: Callable) -> None:
+    def offered(label: str) -> list[str]:
+        return page.get_by_label(label, exact=True).locator("option").all_inner_texts()
+
+    page.get_by_label("Decoder", exact=True).select_option("monotone")
+    wait_for_label(page, "monotone-1-inverse", (0.0,))
+    assert run_python(page, "print(explorer.model_name)").strip() == "monotone-1-inverse"
+    assert [offered(label) for label in ("Constraint", "Latents")] == [["LDL", "baseline"], ["1", "3"]]
+    page.get_by_label("Constraint", exact=True).select_option("baseline")
+    wait_for_label(page, "baseline-1-inverse", (0.0,))
+    assert [offered(label) for label in ("Latents", "Decoder", "Direction")] == [["1"], ["plain"], ["inverse"]]
+    assert page.get_by_label("Direction", exact=True).is_disabled()
+    page.get_by_label("Constraint", exact=True).select_option("LDL")
+    page.get_by_label("Latents", exact=True).select_option("3")
+    assert page.get_by_role("slider").count() == 3
+
+
+def test_another_model_of_as_many_latents_keeps_them(page, run_python: Callable) -> None:
+    show(page, run_python, "ldl-3-inverse", (0.5, -1.0, 2.0))
+    page.get_by_label("Direction", exact=True).select_option("forward")
+    wait_for_label(page, "ldl-3-forward", (0.5, -1.0, 2.0))
+    page.get_by_role("button", name="Reset").click()
+    wait_for_label(page, "ldl-3-forward", (0.0, 0.0, 0.0))
+    wait_for_python(page, run_python, (0.0, 0.0, 0.0))
+
+
+def test_python_moves_the_slider(page, run_python: Callable) -> None:
+    run_python(page, "explorer.latent = 2.5")
+    wait_for_label(page, "ldl-1-inverse", (2.5,))
+    assert page.get_by_role("slider").input_value() == "2.5"
+    run_python(page, "explorer.latent = 7")
+    wait_for_label(page, "ldl-1-inverse", (7.0,))
+    assert page.get_by_role("slider").input_value() == "4"
+
+
+def test_readouts_are_those_of_python(page, run_python: Callable) -> None:
+    show(page, run_python, "ldl-1-inverse", (1.0,))
+    curve, measured = MODELS["ldl-1-inverse"].decode((1.0,)), load_opencrf()
+    fitted = Gamma("inverse").fit(curve)[0]
+    assert float(readout(page, "gamma-equivalent").removeprefix("γ = ")) == pytest.approx(fitted[0], rel=0.02)
+    to_gamma = float(rmse(Gamma("inverse").decode(fitted), curve))
+    assert float(readout(page, "RMSE to that gamma")) == pytest.approx(to_gamma, rel=0.02)
+    distances = rmse(measured.in_direction("inverse")[:, ::11], curve[::11])
+    assert readout(page, "nearest curve") == measured.names[int(np.argmin(distances))]
+    assert float(readout(page, "RMSE to nearest curve")) == pytest.approx(distances.min(), rel=0.01)
+
+
+def test_animation_starts_and_stops(page, run_python: Callable) -> None:
+    slider = page.get_by_role("slider", name="latent z")
+    page.get_by_role("button", name="Animate").click()
+    page.wait_for_function("() => document.querySelector('.crf input').valueAsNumber > 0.3")
+    page.get_by_role("button", name="Pause").click()
+    stopped = slider.input_value()
+    settled(page)
+    assert slider.input_value() == stopped
+
+
+def test_setting_the_latent_ends_the_animation(page, run_python: Callable) -> None:
+    for _ in range(5):  # the page's last moves are under way meanwhile, and must not undo what Python says
+        page.get_by_role("button", name="Animate").click()
+        page.wait_for_function("() => document.querySelector('.crf input').valueAsNumber > -2.8")
+        run_python(page, "explorer.latent = -3")
+        wait_for_label(page, "ldl-1-inverse", (-3.0,))
+        assert page.get_by_role("button", name="Animate").is_visible()
+        wait_for_python(page, run_python, (-3.0,))
+
+
+def test_animation_goes_in_steps_for_who_wants_less_motion(page) -> None:
+    page.emulate_media(reduced_motion="reduce")
+    try:
+        page.get_by_role("button", name="Animate").click()
+        values = page.evaluate(
+            """() => new Promise((done) => {
+                const seen = new Set();
+                const end = performance.now() + 1200;
+                const look = (now) => {
+                    seen.add(document.querySelector(".crf input").value);
+                    now < end ? requestAnimationFrame(look) : done([...seen]);
+                };
+                requestAnimationFrame(look);
+            })"""
+        )
+        page.get_by_role("button", name="Pause").click()
+    finally:
+        page.emulate_media(reduced_motion="no-preference")
+    assert values == ["0", "0.5"]
+
+
+def test_colours_follow_the_theme(page, run_python: Callable) -> None:
+    show(page, run_python, "ldl-3-inverse", (0.5, -1.0, 1.0))
+    settled(page)
+    light = picture(page)
+    screenshot(page, "latent-light")
+    assert colours(page) == {"#0072B2": True, "#56B4E9": False}
+    switch_theme(page, "JupyterLab Dark", light)
+    screenshot(page, "latent-dark")
+    assert colours(page) == {"#0072B2": False, "#56B4E9": True}
+    switch_theme(page, "JupyterLab Light", picture(page))
+
+
+def test_fits_a_narrow_window(page) -> None:
+    size = page.viewport_size
+    page.set_viewport_size({"width": 400, "height": 900})
+    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
+    settled(page)
+    screenshot(page, "latent-narrow")
+    overflow = overflowing(page)
+    page.set_viewport_size(size)
+    assert overflow == []
+
+
+@pytest.fixture
+def offline_page(browser) -> Iterator:
+    """Return a page that fails the test if it asks the network for anything or reports an error."""
+    page = browser.new_page(viewport={"width": 1000, "height": 760})
+    asked, errors = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.route(re.compile("^https?:"), lambda route: route.abort())
+    page.asked = asked
+    yield page
+    page.close()
+    assert errors == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_exported_page_works_from_a_file(offline_page, tmp_path: Path, scheme: str) -> None:
+    explorer = LatentExplorer(MODELS, load_opencrf())
+    explorer.latent = 0.5
+    explorer.to_html(tmp_path / "page.html")
+    offline_page.emulate_media(color_scheme=scheme)
+    offline_page.goto((tmp_path / "page.html").as_uri())
+    wait_for_label(offline_page, "ldl-1-inverse", (0.5,))
+    offline_page.get_by_role("slider").press("ArrowRight")
+    wait_for_label(offline_page, "ldl-1-inverse", (0.52,))
+    offline_page.get_by_label("Decoder", exact=True).select_option("monotone")
+    _, brightness = saved_curve(offline_page, tmp_path / "curve.csv")
+    np.testing.assert_allclose(brightness, GRID, atol=1e-8)
+    assert colours(offline_page) == {"#0072B2": scheme == "light", "#56B4E9": scheme == "dark"}
+    assert [url for url in offline_page.asked if not url.startswith(("file:", "blob:"))] == []
+    screenshot(offline_page, f"latent-page-{scheme}", "body")
+    offline_page.set_viewport_size({"width": 400, "height": 760})
+    settled(offline_page)
+    assert overflowing(offline_page) == []
+    screenshot(offline_page, f"latent-page-{scheme}-narrow", "body")
+
+
+def test_a_notebook_made_into_html_stays_alive(offline_page, tmp_path: Path) -> None:
+    from nbconvert import HTMLExporter
+
+    explorer = LatentExplorer(MODELS)
+    explorer.latent = 1.0
+    data, metadata = explorer._repr_mimebundle_()
+    output = nbformat.v4.new_output("execute_result", data=data, metadata=metadata, execution_count=1)
+    cell = nbformat.v4.new_code_cell("explorer", execution_count=1, outputs=[output])
+    html, _ = HTMLExporter().from_notebook_node(nbformat.v4.new_notebook(cells=[cell]))
+    (tmp_path / "notebook.html").write_text(html, encoding="utf-8")
+    offline_page.goto((tmp_path / "notebook.html").as_uri())
+    frame = offline_page.frame_locator("iframe")
+    frame.get_by_role("slider").press("ArrowRight")
+    frame.get_by_role("img", name="Curve of ldl-1-inverse at 1.02:").wait_for()
+    overflow = "({ scrollHeight, clientHeight }) => scrollHeight - clientHeight"
+    assert frame.locator("html").evaluate(overflow) == 0, "the frame is as high as the page in it"
+    screenshot(offline_page, "latent-notebook-html", "body")
