@@ -29,7 +29,7 @@ def test_json_rows_have_exactly_the_keys(fitting_json):
     assert fitting_json.returncode == 0
     rows = json.loads(fitting_json.stdout)
     assert all(tuple(row) == COLUMNS for row in rows)
-    assert {row["split"] for row in rows} == {"in-sample", "grouped-5fold"}
+    assert {row["split"] for row in rows} == {"in-sample", "grouped-5fold", "other-set"}
     assert {row["direction"] for row in rows} == {"forward", "inverse"}
 
 
