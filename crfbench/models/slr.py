@@ -190,7 +190,7 @@ class SLR(ResponseModel):
     def fit(self, curves: ArrayLike) -> Array:
         """Search a dense table of latents, then polish the nearest few; keep the best."""
         batch, table = as_curves(curves), self._table()
-        nearest = nearest_in_table(batch, table, self.decode_float32(table), n_best=2 * self.n_params)
+        nearest = nearest_in_table(batch, table, self.decode_float32(table), n_best=2 + self.n_params)
         return refine(self, batch, nearest, max_steps=30)  # the table is dense, and the bends of ReLU stop Newton
 
     def _table(self) -> Array:
