@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from crfbench.datasets import Responses, load_patches, load_responses
     from crfbench.datasets.fetch import fetch
-    from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial, ResponseModel
+    from crfbench.models import GGCM, PPISP, SLR, EMoR, Gamma, Polynomial, ResponseModel
     from crfbench.tables.fitting import fitting_table
 
 __version__ = "0.1.0"
@@ -26,6 +26,7 @@ _HOME = {
     "PPISP": "models",
     "Polynomial": "models",
     "ResponseModel": "models",
+    "SLR": "models",
     "Responses": "datasets",
     "fetch": "datasets.fetch",
     "fitting_table": "tables.fitting",
@@ -36,6 +37,7 @@ _HOME = {
 __all__ = [
     "GGCM",
     "PPISP",
+    "SLR",
     "EMoR",
     "Gamma",
     "Polynomial",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import crfbench
-from crfbench.errors import CrfbenchError, MissingDataError
+from crfbench.errors import CrfbenchError, InputError, MissingDataError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -52,7 +52,8 @@ def fetch(
     from crfbench.datasets.fetch import fetch as fetch_files
 
     paths = fetch_files(which, folder=folder, mirror=mirror)
-    typer.echo(f"{len(paths)} files are complete and checked; see them with: crfbench data")
+    done = f"{len(paths)} files are complete and checked; see them with: crfbench data"
+    typer.echo(done if paths else f"{which} is shipped with crfbench; there is nothing to fetch")
 
 
 @table_app.command()
@@ -100,6 +101,8 @@ def train(
         raise MissingDataError(
             f"{error.name} is not installed; training needs: pip install 'crfbench[train]'"
         ) from None
+    if not (every or names):
+        raise InputError(f"no model is named; use --all or some of: {', '.join(shipped_names())}")
     for path in train_shipped(shipped_names() if every else names or [], out):
         typer.echo(path)
 
@@ -112,9 +115,12 @@ def lab(
     """Copy the notebooks to a folder of yours and open them; further options go to JupyterLab."""
     from crfbench.lab import copy_notebooks, open_lab
 
+    options = context.args
+    if str(folder).startswith("-"):  # an option for JupyterLab, with no folder before it
+        folder, options = Path("crfbench-notebooks"), [str(folder), *options]
     copied = copy_notebooks(folder)
     typer.echo(f"{len(copied)} notebooks copied to {folder}" if copied else f"the notebooks in {folder} are kept")
-    raise typer.Exit(open_lab(folder.resolve(), context.args))
+    open_lab(folder.resolve(), options)
 
 
 def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
@@ -133,7 +139,7 @@ def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit status 2."""
     try:
         app()
-    except CrfbenchError as error:
+    except (CrfbenchError, OSError) as error:
         typer.echo(f"crfbench: {error}", err=True)
         sys.exit(2)
 

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import sys
 from importlib.metadata import requires, version
 from pathlib import Path
@@ -50,8 +49,8 @@ def copy_notebooks(folder: Path) -> list[Path]:
     return copied
 
 
-def open_lab(folder: Path, extra: list[str]) -> int:
-    """Run JupyterLab on `folder` until it is stopped and return its exit status.
+def open_lab(folder: Path, extra: list[str]) -> None:
+    """Become JupyterLab on `folder`: this process is replaced, so whatever ends it ends JupyterLab.
 
     It listens on this machine only and keeps its token; the address with the token is printed by JupyterLab.
 
@@ -65,4 +64,5 @@ def open_lab(folder: Path, extra: list[str]) -> int:
     command.append(f"--LabApp.default_url=/lab/tree/{START}")  # so that the address printed leads there too
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         command.append("--allow-root")  # containers run as root; the server still listens on this machine only
-    return subprocess.run([*command, *extra], check=False).returncode  # noqa: S603
+    sys.stdout.flush()
+    os.execv(command[0], [*command, *extra])  # noqa: S606

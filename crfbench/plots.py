@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from crfbench.curves import GRID, Direction, axis_labels
 from crfbench.history import History
-from crfbench.paper import FITTING
 
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -114,12 +113,10 @@ def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes
     rows = table[table["direction"] == direction]
     for i, model in enumerate(_FITTING_MODELS):
         _fitting_lines(ax, rows[rows["model"] == model], model, {"color": PALETTE[i], "marker": _MARKERS[i]})
-        family = model.split("-", maxsplit=1)[0]
-        printed = {k: float(v) for (name, k), v in FITTING.items() if name == family and model != "SLR-monotone"}
-        if direction == "forward" and printed:
-            ax.scatter(list(printed), list(printed.values()), marker="x", s=60, color=PALETTE[i], zorder=3)
+        printed = rows[(rows["model"] == model) & rows["paper"].notna() & (model != "SLR-monotone")]
+        ax.scatter(printed["n_params"], printed["paper"], marker="x", s=60, color=PALETTE[i], zorder=3)
     ax.plot([], [], color="0.4", ls=":", marker="o", mfc="white", label="held out (grouped 5-fold),\nwhere it differs")
-    if direction == "forward":
+    if rows["paper"].notna().any():
         ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's figure,\nsame colour")
     ax.set(
         xlabel="number of parameters",

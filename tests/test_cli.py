@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import crfbench
-from crfbench import cli
+from crfbench import cli, lab
 from crfbench.tables.fitting import COLUMNS
 
 
@@ -58,6 +58,9 @@ def test_data_lists_every_set(run):
         (["table", "fitting", "--data", "nonsense"], "which='nonsense' is not known; use 'auto', 'dorf' or 'opencrf'"),
         (["table", "fitting", "--direction", "up"], "direction='up' is not known"),
         (["fetch", "nonsense"], "nonsense"),
+        (["train"], "no model is named; use --all or some of: baseline-1-forward"),
+        (["train", "LDL"], "'LDL' is no shipped model"),
+        (["tables", "--out", os.devnull], os.devnull),
     ],
 )
 def test_mistakes_are_one_sentence_and_status_2(run, args, words):
@@ -72,6 +75,23 @@ def test_mistakes_are_one_sentence_and_status_2(run, args, words):
 def test_a_wrong_option_is_status_2(run):
     assert run("table", "fitting", "--nonsense").returncode == 2
     assert run("nonsense").returncode == 2
+
+
+def test_options_of_lab_go_to_jupyterlab(monkeypatch, tmp_path):
+    seen = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(lab, "open_lab", lambda folder, options: seen.append((folder.name, options)))
+    for args in (["lab", "--no-browser"], ["lab", "mine", "--port", "9999"], ["lab", "--port", "9999"]):
+        assert CliRunner().invoke(cli.app, args).exit_code == 0
+    assert seen == [
+        ("crfbench-notebooks", ["--no-browser"]),
+        ("mine", ["--port", "9999"]),
+        ("crfbench-notebooks", ["--port", "9999"]),
+    ]
+
+
+def test_what_is_shipped_need_not_be_fetched(run):
+    assert run("fetch", "opencrf").stdout == "opencrf is shipped with crfbench; there is nothing to fetch\n"
 
 
 def test_version(run):

@@ -1,4 +1,4 @@
-import subprocess
+import os
 import sys
 
 from crfbench import lab
@@ -16,11 +16,10 @@ def test_notebooks_are_copied_once_and_never_overwritten(tmp_path):
 
 def test_jupyterlab_listens_here_only_and_keeps_its_token(tmp_path, monkeypatch):
     seen = []
-    monkeypatch.setattr(
-        subprocess, "run", lambda command, **_: seen.append(command) or subprocess.CompletedProcess(command, 7)
-    )
-    assert lab.open_lab(tmp_path, ["--no-browser"]) == 7
-    (command,) = seen
+    monkeypatch.setattr(os, "execv", lambda program, command: seen.append((program, command)))
+    lab.open_lab(tmp_path, ["--no-browser"])
+    ((program, command),) = seen
+    assert program == sys.executable
     assert command[:3] == [sys.executable, "-m", "jupyterlab"]
     assert "--ServerApp.ip=127.0.0.1" in command
     assert f"--ServerApp.root_dir={tmp_path}" in command

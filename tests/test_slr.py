@@ -94,6 +94,10 @@ def test_single_precision_decodes_the_same(name, k):
     assert np.array_equal(model.decode_float32(z[7])[0], model.decode_float32(z[7:8])[0])
 
 
+def test_a_whole_name_loads_the_same_weights():
+    assert SLR.load("LDL-1-inverse").card_ == SLR.load("ldl", 1, "inverse").card_
+
+
 def test_seeds_decide_new_weights():
     assert np.array_equal(SLR(seed=3).decode([0.5]), SLR(seed=3).decode([0.5]))
     assert not np.array_equal(SLR(seed=3).decode([0.5]), SLR(seed=4).decode([0.5]))

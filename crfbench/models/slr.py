@@ -110,11 +110,12 @@ class SLR(ResponseModel):
         Parameters
         ----------
         name : str or Path
-            "baseline", "ldl", "auc", "aae", "vae", "monotone" or "open" (the monotone one trained on OpenCRF), or a
-            path that ends in ``.safetensors``.
+            "baseline", "ldl", "auc", "aae", "vae", "monotone" or "open" (the monotone one trained on OpenCRF), a whole
+            name such as "ldl-1-inverse", or a path that ends in ``.safetensors``.
         n_latent : int
         direction : {"forward", "inverse"}
-            Both choose among the shipped weights and do nothing for a path.
+            Both choose among the shipped weights and do nothing for a whole name or a path. Inverse responses are
+            what calibration uses.
 
         Raises
         ------

@@ -40,7 +40,8 @@ def load_weights(name: str | Path, n_latent: int, direction: str) -> tuple[dict[
     """
     if str(name).endswith(".safetensors"):
         return read_weights(Path(name))
-    stem = f"{name}-{n_latent}-{direction}"
+    stem = str(name).lower()
+    stem = stem if stem in shipped_weights() else f"{stem}-{n_latent}-{direction}"
     if stem not in shipped_weights():
         raise InputError(f"there are no shipped weights {stem!r}; there are: {', '.join(shipped_weights()) or 'none'}")
     return read_weights(shipped("data/weights") / f"{stem}.safetensors")
