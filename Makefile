@@ -27,6 +27,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/fitting.py
 	$(BIN)/python benchmarks/decoding.py
 	$(BIN)/python benchmarks/slider.py
+	$(BIN)/python benchmarks/search.py
 
 # Runs every notebook from a fresh kernel and stores the outputs, without widget state or timings.
 notebooks: $(READY)

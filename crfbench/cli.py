@@ -1,4 +1,4 @@
-"""The command line: ``crfbench data | fetch | table | tables | train | lab``."""
+"""The command line: ``crfbench data | fetch | table | tables | train | search | lab``."""
 
 import json
 import sys
@@ -105,6 +105,45 @@ def train(
         raise InputError(f"no model is named; use --all or some of: {', '.join(shipped_names())}")
     for path in train_shipped(shipped_names() if every else names or [], out):
         typer.echo(path)
+
+
+@app.command()
+def search(
+    strategy: Annotated[str, typer.Option(help="grid, random, halving or optuna")] = "grid",
+    m: Annotated[int, typer.Option("--m", help="Of how many most accurate the least complex is chosen.")] = 10,
+    data: Annotated[str, typer.Option(help="auto, dorf or opencrf")] = "auto",
+    direction: Annotated[str, typer.Option(help="forward or inverse")] = "inverse",
+    folds: Annotated[str, typer.Option(help="random, or grouped: near-copies in one fold")] = "random",
+    seed: Annotated[int, typer.Option(help="Of the folds and the first weights.")] = 0,
+    journal: Annotated[Path, typer.Option(help="Where each result goes as it comes.")] = Path("search.jsonl"),
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a journal that is there.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Search the paper's 156 architectures: of the M most accurate, the least complex (PyTorch is needed)."""
+    from crfbench.curves import check_direction
+    from crfbench.datasets import load_responses
+
+    try:
+        from crfbench.search import naive_search
+    except ModuleNotFoundError as error:
+        raise MissingDataError(
+            f"{error.name} is not installed; searching needs: pip install 'crfbench[train]'"
+        ) from None
+    if journal.exists() and not resume:
+        raise InputError(f"{journal} is there already; use --resume to go on with it, or another --journal")
+    responses, side = load_responses(data), check_direction(direction)
+    try:
+        result = naive_search(
+            responses, m=m, strategy=strategy, direction=side, folds=folds, seed=seed, journal=journal, progress=True
+        )
+    except KeyboardInterrupt:
+        typer.echo(
+            f"\nstopped; what is done is kept, go on with: crfbench search --resume --journal {journal}", err=True
+        )
+        raise typer.Exit(130) from None
+    _print_tables(
+        {f"{responses.dataset}: of the {m} most accurate, {result.chosen} is the least complex": result.table}, as_json
+    )
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})

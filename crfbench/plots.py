@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from crfbench.curves import GRID, Direction, axis_labels
 from crfbench.history import History
+from crfbench.search.result import architecture, mark_choice, pareto_front
 
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -225,4 +226,32 @@ def plot_latent_histogram(latents: ArrayLike, ax: Axes | None = None) -> Axes:
     ax.plot(_BINS, _NORMAL, color=PALETTE[1], ls="--", label="N(0, 1)")
     ax.set(xlabel=f"latent z (no unit; beyond ±{_REACH:.0f}: outermost bins)", ylabel="density (per unit of z)")
     ax.legend(fontsize="small")
+    return ax
+
+
+def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = None, ax: Axes | None = None) -> Axes:
+    """Draw accuracy against complexity of an architecture search: the M best, the choice and the Pareto front.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `crfbench.search.naive_search`, or a recorded one.
+    m : int
+        Of how many most accurate candidates the least complex is chosen.
+    spread : array_like, shape (n,), optional
+        Half the height of the bars of the M best, in units of MSE; by default the standard deviation over the folds.
+    """
+    ax, table = _axes(ax, 7.0), mark_choice(table, m)
+    bars = table["mse_sd"] if spread is None else np.asarray(spread)
+    best = (table["rank"] <= m).to_numpy()
+    front, choice = pareto_front(table), table[table["chosen"]].iloc[0]
+    ax.scatter(table["complexity"], table["mse"], s=12, color="0.6", label=f"{len(table)} candidates")
+    ax.step(front["complexity"], front["mse"], where="post", color=PALETTE[2], ls="--", label="Pareto front")
+    x, y = table["complexity"][best], table["mse"][best]
+    ax.errorbar(x, y, yerr=bars[best], fmt="o", ms=5, lw=1, color=PALETTE[0], label=f"the {m} most accurate")
+    label = f"choice: {architecture(choice)}"
+    ax.scatter(choice["complexity"], choice["mse"], s=90, marker="s", color=PALETTE[1], zorder=3, label=label)
+    ax.set(xlabel="complexity (weights and biases of the encoder)", ylabel="held-out MSE", xscale="log", yscale="log")
+    ax.legend(fontsize="small")
+    ax.grid(which="both", lw=0.3)
     return ax

@@ -18,7 +18,7 @@ from crfbench.history import load_history
 from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
 from crfbench.tables.fitting import fitting_tables
 from crfbench.tables.latents import latent_table
-from crfbench.tables.recorded import to_rows
+from crfbench.tables.recorded import load_recorded, to_rows
 
 _HISTORIES = ("ldl", "auc", "aae", "vae", "baseline")  # in the order of the paper's figure
 
@@ -66,6 +66,7 @@ def _figures(responses: Responses, tables: dict[str, pd.DataFrame]) -> Iterator[
     yield "patches", plots.plot_patches(patch_intensity(load_patches()))
     yield "comparison", comparison(responses)
     yield "latent_epochs", plots.plot_latent_epochs({name: load_history(name) for name in _HISTORIES})[0]
+    yield "search", plots.plot_search(load_recorded("search_dorf")[0])
     for title, table in tables.items():
         yield f"fitting_{title.split(',')[0]}", plots.plot_fitting(table)
         yield f"validity_{title.split(',')[0]}", plots.plot_validity(table)

@@ -104,7 +104,7 @@ def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     assert result.exit_code == 0, result.output
     written = {path.name for path in (tmp_path / "new folder").iterdir()}
     assert {path.rsplit("/", 1)[-1] for path in result.output.split("\n") if path} == written
-    assert {"latents.csv", "latents.json", "latent_epochs.pdf"} <= written
+    assert {"latents.csv", "latents.json", "latent_epochs.pdf", "search.pdf"} <= written
     for stem in ("curves_opencrf", "patches", "comparison", "fitting_opencrf", "fitting_dorf", "validity_dorf"):
         assert {f"{stem}.png", f"{stem}.pdf"} <= written
     assert {"fitting_dorf.json", "fitting_opencrf.csv"} <= written

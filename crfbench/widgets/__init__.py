@@ -3,6 +3,7 @@
 from crfbench.widgets.epoch_player import EpochPlayer
 from crfbench.widgets.latent_explorer import LatentExplorer
 from crfbench.widgets.model_explorer import ModelExplorer
+from crfbench.widgets.search_explorer import SearchExplorer
 from crfbench.widgets.training_panel import TrainingPanel
 
-__all__ = ["EpochPlayer", "LatentExplorer", "ModelExplorer", "TrainingPanel"]
+__all__ = ["EpochPlayer", "LatentExplorer", "ModelExplorer", "SearchExplorer", "TrainingPanel"]

@@ -1,0 +1,162 @@
+"""SearchExplorer as a user meets it: mouse, keyboard, theme and a narrow window."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.browser
+
+CELLS = [
+    """import numpy as np
+from crfbench.search.outcome import Outcome
+from crfbench.search.result import tabulate
+from crfbench.search.space import SearchSpace
+from crfbench.widgets.search_explorer import SearchExplorer
+mse = 1e-3 * (1 + np.random.default_rng(0).gamma(2.0, 0.1, size=(156, 3)))
+trials = zip(SearchSpace(), mse, strict=True)
+table = tabulate(Outcome(h, 500, tuple(row), tuple(row**0.5), 1.0) for h, row in trials)
+explorer = SearchExplorer(table)""",
+    "explorer",
+]
+
+
+@pytest.fixture(scope="module")
+def opened(open_notebook: Callable):
+    page = open_notebook("search.ipynb", CELLS)
+    page.wait_for_selector(".crf", timeout=30_000)
+    return page
+
+
+@pytest.fixture
+def page(opened, run_python: Callable):
+    """Return the page with M = 10 and the choice named."""
+    run_python(opened, "explorer.m = 10; explorer.focus = explorer.chosen")
+    opened.wait_for_function("() => document.querySelector('.crf input').getAttribute('aria-valuetext') === '10'")
+    chosen = run_python(opened, "print(explorer.chosen)").strip()
+    wait_for_name(opened, chosen)
+    return opened
+
+
+def name(page) -> str:
+    return page.locator(".crf-readouts dd").first.inner_text()
+
+
+def wait_for_name(page, text: str) -> None:
+    page.wait_for_function("(text) => document.querySelector('.crf-readouts dd').textContent === text", arg=text)
+    painted(page)
+
+
+def painted(page) -> None:
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def picture(page) -> str:
+    return page.evaluate("document.querySelector('.crf canvas').toDataURL()")
+
+
+def python_value(page, run_python: Callable, code: str, expected: str) -> None:
+    """Wait until Python has heard of what the page did."""
+    for _ in range(50):
+        if (found := run_python(page, f"print({code})").strip()) == expected:
+            return
+        page.wait_for_timeout(50)
+    assert found == expected
+
+
+def screenshot(page, file: str) -> None:
+    """Keep a picture of the widget for a look at it, where CRFBENCH_SHOTS names a folder."""
+    if folder := os.environ.get("CRFBENCH_SHOTS"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        page.locator(".jp-OutputArea:has(.crf)").screenshot(path=Path(folder) / f"{file}.png")
+
+
+def test_dragging_m_moves_the_choice(page, run_python: Callable) -> None:
+    before = picture(page)
+    slider = page.get_by_role("slider", name="M, how many")
+    box = slider.bounding_box()
+    page.mouse.move(box["x"] + box["width"] * 10 / 156, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] / 2, steps=20)
+    page.mouse.up()
+    page.get_by_text("Choice: (10,)").wait_for()
+    painted(page)
+    assert picture(page) != before
+    python_value(page, run_python, "explorer.chosen", "(10,)")
+
+
+def test_the_page_chooses_as_python_does(page, run_python: Callable) -> None:
+    for m in (1, 3, 20, 90):
+        run_python(page, f"explorer.m = {m}")
+        expected = run_python(page, "print(explorer.chosen)").strip()
+        page.wait_for_function(
+            "(m) => document.querySelector('.crf input').getAttribute('aria-valuetext') === m", arg=str(m)
+        )
+        assert page.locator(".crf-status").inner_text() == f"Choice: {expected}"
+
+
+def test_arrow_keys_move_m_and_not_the_notebook(page, run_python: Callable) -> None:
+    page.get_by_role("slider", name="M, how many").focus()
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    python_value(page, run_python, "explorer.m", "15")
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineWidth") == "3px"
+    assert page.locator(".jp-CodeCell").count() == len(CELLS)
+
+
+def test_every_candidate_is_reached_and_named_by_keyboard(page, run_python: Callable) -> None:
+    candidates = page.get_by_label("Candidate, by rank")
+    assert candidates.locator("option").count() == 156
+    candidates.focus()
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowDown")
+    second = run_python(page, "print(tuple(explorer._candidates[1]['hidden']))").strip()
+    wait_for_name(page, second)
+    python_value(page, run_python, "explorer.focus", second)
+    assert f"Named: {second}, MSE" in page.get_by_role("img").last.get_attribute("aria-label")
+
+
+def test_pointing_at_a_candidate_names_it(page) -> None:
+    before = name(page)
+    box = page.locator(".crf canvas").bounding_box()
+    seen = set()
+    for share in (0.2, 0.4, 0.6, 0.8):
+        page.mouse.move(box["x"] + box["width"] * share, box["y"] + box["height"] * 0.6)
+        page.wait_for_timeout(80)
+        seen.add(name(page))
+    assert len(seen - {before}) >= 2
+
+
+def test_colours_follow_the_theme(page) -> None:
+    light = picture(page)
+    screenshot(page, "search-light")
+    switch_theme(page, "JupyterLab Dark", light)
+    screenshot(page, "search-dark")
+    switch_theme(page, "JupyterLab Light", picture(page))
+
+
+def switch_theme(page, theme: str, before: str) -> None:
+    page.evaluate("(theme) => jupyterapp.commands.execute('apputils:change-theme', { theme })", theme)
+    page.wait_for_function("(before) => document.querySelector('.crf canvas').toDataURL() !== before", arg=before)
+    page.wait_for_function(
+        """(dark) => document.querySelector(".crf").style.colorScheme === (dark ? "dark" : "light")""",
+        arg=theme.endswith("Dark"),
+    )
+    page.wait_for_selector("#jupyterlab-splash", state="detached")
+    painted(page)
+
+
+def test_fits_a_narrow_window(page) -> None:
+    size = page.viewport_size
+    page.set_viewport_size({"width": 400, "height": 900})
+    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
+    painted(page)
+    screenshot(page, "search-narrow")
+    overflow = page.evaluate(
+        """() => [...document.querySelectorAll(".crf, .crf *, .jp-OutputArea-output")]
+            .filter((node) => node.clientWidth > 0 && node.scrollWidth > node.clientWidth + 1)
+            .map((node) => `${node.tagName} ${node.className}`)"""
+    )
+    page.set_viewport_size(size)
+    assert overflow == []
