@@ -137,13 +137,10 @@ def search(
             responses, m=m, strategy=strategy, direction=side, folds=folds, seed=seed, journal=journal, progress=True
         )
     except KeyboardInterrupt:
-        typer.echo(
-            f"\nstopped; what is done is kept, go on with: crfbench search --resume --journal {journal}", err=True
-        )
+        typer.echo(f"stopped; go on with: crfbench search --resume --journal {journal}", err=True)
         raise typer.Exit(130) from None
-    _print_tables(
-        {f"{responses.dataset}: of the {m} most accurate, {result.chosen} is the least complex": result.table}, as_json
-    )
+    title = f"{responses.dataset}: of the {m} most accurate, {result.chosen} is the least complex"
+    _print_tables({title: result.table}, as_json)
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})

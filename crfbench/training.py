@@ -118,6 +118,9 @@ def to_torch(model: SLR) -> Autoencoder:
     return network.eval()
 
 
+#: Steps of the shortest cycle of the step size; PyTorch divides by zero where its first tenth is one step.
+LEAST_CYCLE = 12
+
 #: Sees the number of the epoch and the history so far; returns True to stop.
 OnEpoch = Callable[[int, "Trainer"], bool | None]
 
@@ -213,7 +216,7 @@ class Trainer:
         steps = recipe.epochs * len(self._batches(shuffle=False))
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)
         self.schedule = torch.optim.lr_scheduler.OneCycleLR(
-            self.optimiser, recipe.learning_rate, total_steps=steps + 1, pct_start=0.1
+            self.optimiser, recipe.learning_rate, total_steps=max(steps + 1, LEAST_CYCLE), pct_start=0.1
         )
 
     def epoch(self) -> None:

@@ -137,6 +137,11 @@ def test_mini_batches_use_every_curve_once():
     assert history.losses["mse"][-1] < history.losses["mse"][0]
 
 
+@pytest.mark.parametrize("epochs", [1, 2, 9, 10, 11])
+def test_short_trainings_run_to_their_end(epochs):
+    assert len(train(GAMMAS, "forward", quick(epochs=epochs))[1]) == epochs
+
+
 def test_patience_ends_the_training_early():
     _, history = train(GAMMAS, "forward", quick(epochs=4000, patience=5, learning_rate=0.3))
     assert len(history) < 4000

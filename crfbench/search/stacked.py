@@ -25,7 +25,7 @@ from crfbench.constraints.ldl import LDL
 from crfbench.curves import N_SAMPLES, Direction
 from crfbench.search.outcome import Outcome
 from crfbench.search.space import Hidden
-from crfbench.training import Recipe, Trainer
+from crfbench.training import LEAST_CYCLE, Recipe, Trainer
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class StackedNetworks:
         rate, epochs = self.stack.recipe.learning_rate, self.stack.recipe.epochs
         self._adam = torch.optim.Adam(parameters, lr=rate, fused=True)
         one_cycle = torch.optim.lr_scheduler.OneCycleLR
-        self._schedule = one_cycle(self._adam, rate, total_steps=epochs + 1, pct_start=0.1)
+        self._schedule = one_cycle(self._adam, rate, total_steps=max(epochs + 1, LEAST_CYCLE), pct_start=0.1)
 
     def _scaled(self, blocks: Tensor) -> Tensor:
         """Centre and scale as the encoder of each network wants it; sums over blocks, not means."""
