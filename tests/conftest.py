@@ -1,11 +1,19 @@
 """Fixtures that several test files share: the real data where they are, and a user cache that is always empty."""
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from crfbench.datasets import Responses, load_dorf, registry
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c_is_heard() -> None:
+    """Hear Ctrl-C where the shell had it ignored, as it does for what runs in the background; children inherit this."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
