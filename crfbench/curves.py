@@ -83,7 +83,7 @@ def as_valid_curves(curves: ArrayLike, tolerance: float = 1e-6) -> Array:
     return batch
 
 
-def evaluate(curves: Array, x: ArrayLike) -> Array:
+def evaluate(curves: NDArray[np.floating], x: ArrayLike) -> Array:
     """Evaluate curves between their samples (piecewise linear; held at the ends).
 
     Parameters

@@ -1,7 +1,7 @@
 """Figures: arrays and tables in, matplotlib Axes out. Nothing is fitted here."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike
 from crfbench.curves import GRID, Direction, axis_labels
 from crfbench.history import History
 from crfbench.search.result import architecture, mark_choice, pareto_front
+
+if TYPE_CHECKING:
+    from crfbench.calibration import Calibration
 
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -95,6 +98,20 @@ def plot_comparison(
     ax.legend(loc="lower right" if direction == "forward" else "upper left", fontsize="small")
     _unit_square(ax, direction)
     ax.set_ylim(-0.02, 1.06)  # fits may leave the range of a response
+    return ax
+
+
+def plot_calibration(result: "Calibration", index: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw one inverse response of a calibration, its bands, and the patches where reference and exposure put them."""
+    ax = _axes(ax)
+    for level, shade in zip(sorted(result.bands, reverse=True), (0.15, 0.3), strict=False):
+        low, high = result.bands[level]
+        label = f"{100 * level:.0f} % of the posterior"
+        ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
+    ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{result.model.name}, {result.method}")
+    ax.scatter(*result.dots(index), s=10, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
+    _unit_square(ax, "inverse")
+    ax.legend(loc="upper left", fontsize="small")
     return ax
 
 

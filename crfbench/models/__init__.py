@@ -6,6 +6,7 @@ from crfbench.models.gamma import Gamma
 from crfbench.models.ggcm import GGCM
 from crfbench.models.polynomial import Polynomial
 from crfbench.models.ppisp import PPISP
+from crfbench.models.ready import load_model
 from crfbench.models.slr import SLR
 
 #: Every model and the numbers of parameters it is tabulated with.
@@ -17,4 +18,4 @@ MODELS: dict[type[ResponseModel], tuple[int, ...]] = {
     PPISP: (4,),
 }
 
-__all__ = ["GGCM", "MODELS", "PPISP", "SLR", "EMoR", "Gamma", "Polynomial", "Prior", "ResponseModel"]
+__all__ = ["GGCM", "MODELS", "PPISP", "SLR", "EMoR", "Gamma", "Polynomial", "Prior", "ResponseModel", "load_model"]

@@ -95,9 +95,17 @@ class ResponseModel(ABC):
     def decode(self, params: ArrayLike) -> Array:
         """Turn parameters (..., k) into curves (..., 1024)."""
 
+    def decode_float32(self, params: ArrayLike) -> NDArray[np.float32]:
+        """Decode parameters (n, k) in single precision: for dense tables."""
+        return np.atleast_2d(self.decode(params)).astype(np.float32)
+
     @abstractmethod
     def jacobian(self, params: ArrayLike) -> Array:
         """Return the derivatives of the curves by the parameters: (..., k) gives (..., 1024, k)."""
+
+    def decode_with_jacobian(self, params: ArrayLike) -> tuple[Array, Array]:
+        """Return `decode` and `jacobian` together, which a model may do faster than one after the other."""
+        return self.decode(params), self.jacobian(params)
 
     @abstractmethod
     def fit(self, curves: ArrayLike) -> Array:
@@ -156,7 +164,7 @@ def refine(
     """
     n, s, k = starts.shape
     owner = np.repeat(np.arange(n), s)
-    evaluate = evaluate or (lambda params: (model.decode(params), model.jacobian(params)))
+    evaluate = evaluate or model.decode_with_jacobian
 
     def objective(free: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
         params = model.from_free(free)

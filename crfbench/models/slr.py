@@ -180,13 +180,19 @@ class SLR(ResponseModel):
 
     def jacobian(self, params: ArrayLike) -> Array:
         """Differentiate the decoder by the latents: (..., k) gives (..., 1024, k)."""
+        return self.decode_with_jacobian(params)[1]
+
+    def decode_with_jacobian(self, params: ArrayLike) -> tuple[Array, Array]:
+        """Return curves (..., 1024) and their derivatives (..., 1024, k) from one pass."""
         *hidden, (weight, bias) = self._layers("decoder")
         h = self._params(params)
         slope = np.broadcast_to(np.eye(self.n_params), (*h.shape, self.n_params))
         for w, b in hidden:
             raw = h @ w.T + b
             h, slope = np.maximum(raw, 0.0), (w @ slope) * (raw > 0)[..., None]
-        return self._output_slope(h @ weight.T + bias, weight @ slope)
+        raw = h @ weight.T + bias
+        curves = self._output(raw)
+        return curves, self._output_slope(raw, curves, weight @ slope)
 
     def fit(self, curves: ArrayLike) -> Array:
         """Search a dense table of latents, then polish the nearest few; keep the best."""
@@ -218,14 +224,13 @@ class SLR(ResponseModel):
         total = np.cumsum(np.logaddexp(raw, 0.0) + LEAST_STEP, axis=-1)
         return np.concatenate([np.zeros((*raw.shape[:-1], 1)), total / total[..., -1:]], axis=-1)
 
-    def _output_slope(self, raw: Array, slope: Array) -> Array:
-        """Carry the derivative of the last layer, (..., m, k), through the output function."""
+    def _output_slope(self, raw: Array, curves: Array, slope: Array) -> Array:
+        """Carry the derivative of the last layer, (..., m, k), through the output function to `curves`."""
         if not self.monotone:
-            y = _sigmoid(raw)
-            return (y * (1.0 - y))[..., None] * slope
-        total = np.cumsum(np.logaddexp(raw, 0.0) + LEAST_STEP, axis=-1)[..., None]
+            return (curves * (1.0 - curves))[..., None] * slope
+        total = (np.logaddexp(raw, 0.0) + LEAST_STEP).sum(axis=-1)[..., None, None]
         rise = np.cumsum(_sigmoid(raw)[..., None] * slope, axis=-2)
-        inner = (rise - total / total[..., -1:, :] * rise[..., -1:, :]) / total[..., -1:, :]
+        inner = (rise - curves[..., 1:, None] * rise[..., -1:, :]) / total
         return np.concatenate([np.zeros_like(inner[..., :1, :]), inner], axis=-2)
 
     def _initial(self, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -1,0 +1,196 @@
+"""One calibrator for every model."""
+
+import time
+
+import numpy as np
+
+from crfbench.calibration.alignment import AlignedLoss
+from crfbench.calibration.bands import Belief, drawn_belief, exact_belief
+from crfbench.calibration.likelihood import Likelihood, Noise
+from crfbench.calibration.observations import Observations
+from crfbench.calibration.optimise import descend, minimise
+from crfbench.calibration.posterior import Posterior
+from crfbench.calibration.result import LEVELS, Calibration
+from crfbench.calibration.table import Table, decode_table
+from crfbench.curves import Array, evaluate
+from crfbench.errors import InputError
+from crfbench.models import ResponseModel
+
+METHODS = ("paper", "grid", "lm", "map", "posterior")
+
+_FEW = 4  # patches; with fewer, the prior says much
+
+
+def calibrate(
+    model: ResponseModel,
+    observations: Observations,
+    method: str = "map",
+    *,
+    noise: Noise | None = None,
+    offset: bool = True,
+    starts: int = 10,
+    seed: int = 0,
+    table: Table | None = None,
+) -> Calibration:
+    """Find the inverse responses that explain observations.
+
+    Parameters
+    ----------
+    model : ResponseModel
+        Of direction "inverse", with a prior.
+    observations : Observations
+        One set or a batch; all are solved in one call.
+    method : {"map", "posterior", "grid", "lm", "paper"}
+        "map": the most probable parameters under `noise` and the model's prior. "posterior": also the posterior
+        mean, bands and evidence; exact for one parameter, weighted draws for more. "grid" (one parameter) and "lm":
+        the least loss of the paper, from a table of the whole range or many starts, polished. "paper": the same
+        loss as the paper minimises it, by Adam from random starts.
+    noise : Noise, optional
+        For "map" and "posterior".
+    offset : bool
+        Whether the paper's loss aligns each photograph by scale and offset, as in the paper, or by scale alone.
+    starts : int
+        Random starts of "paper".
+    seed : int
+        Of every random step.
+    table : Table, optional
+        From `decode_table(model)`, to decode only once for many calls.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        For a model of the other direction or without a prior, and for an unknown method or one that does not fit
+        the model or the observations.
+    """
+    _check(model, method)
+    began = time.perf_counter()
+    noise = noise or Noise()
+    scale = belief = None
+    if method == "paper":
+        free = descend(AlignedLoss(observations, offset), model, len(observations), starts, seed)
+    elif method in ("grid", "lm"):
+        free = minimise(AlignedLoss(observations, offset), model, table or decode_table(model, seed=seed))
+    else:
+        posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
+        logs = posterior.log_likelihood(table.at(observations.brightness))
+        free = minimise(posterior, model, table, -(logs + table.log_prior))
+        scale = posterior.noise_scale(model, free)
+        if method == "posterior":
+            one = model.n_params == 1
+            belief = exact_belief(table, logs) if one else drawn_belief(posterior, model, free, seed)
+    return _result(model, method, observations, noise, free, (scale, belief), began)
+
+
+def _check(model: ResponseModel, method: str) -> None:
+    if method not in METHODS:
+        raise InputError(f"method={method!r} is not known; use one of {', '.join(METHODS)}")
+    if model.direction != "inverse":
+        raise InputError(f"{model!r} maps irradiance to brightness; calibrate with a model of direction 'inverse'")
+    if method == "grid" and model.n_params > 1:
+        raise InputError(f"{model!r} has {model.n_params} parameters and 'grid' takes one; use 'lm'")
+
+
+def _result(
+    model: ResponseModel,
+    method: str,
+    observations: Observations,
+    noise: Noise,
+    free: Array,
+    extras: tuple[Array | None, Belief | None],
+    began: float,
+) -> Calibration:
+    params = model.from_free(free)
+    scale, belief = extras
+    curves, bands = model.decode(params), {}
+    if belief is not None:
+        curves = belief.mean()
+        ends = tuple(0.5 + side * level / 2 for level in LEVELS for side in (-1, 1))
+        quantiles = belief.quantiles(ends)
+        bands = {level: (quantiles[2 * i], quantiles[2 * i + 1]) for i, level in enumerate(LEVELS)}
+    measured = np.where(observations.counts, observations.brightness, np.nan)
+    return Calibration(
+        model,
+        method,
+        observations,
+        params,
+        curves,
+        _residuals(curves, observations, noise),
+        np.stack([np.nanmin(measured, axis=(1, 2)), np.nanmax(measured, axis=(1, 2))], axis=1),
+        _warnings(model, observations, free, belief),
+        time.perf_counter() - began,
+        scale,
+        belief,
+        bands,
+    )
+
+
+def _residuals(curves: Array, observations: Observations, noise: Noise) -> Array:
+    """Return log residuals (n, e, p) at the exposures that fit best, and without a reference the irradiances too."""
+    likelihood, rows = Likelihood(observations, noise), slice(None)
+    brightness = observations.brightness
+    g = evaluate(curves, brightness.reshape(len(curves), -1)).reshape(*brightness.shape, 1)
+    d = likelihood.residual(g, rows)
+    d = (d - likelihood.squares(d, rows)[1][:, :, None])[..., 0]
+    if observations.reference is None:
+        counted = likelihood.precision
+        d = d - ((counted * d).sum(axis=1) / np.maximum(counted.sum(axis=1), 1e-300))[:, None]
+    return np.asarray(d)
+
+
+def _warnings(
+    model: ResponseModel, observations: Observations, free: Array, belief: Belief | None
+) -> tuple[tuple[str, ...], ...]:
+    used = observations.weights > 0
+    clipped, total = (observations.clipped & used).sum(axis=(1, 2)), used.sum(axis=(1, 2))
+    patches = observations.counts.any(axis=1).sum(axis=1)
+    flat, edge = _flat(model, belief, len(free)), _at_edge(model, free)
+    falling = _falling(observations)
+    return tuple(
+        tuple(
+            text
+            for holds, text in (
+                (clipped[i] > 0.1 * total[i], f"{clipped[i]} of {total[i]} observations are clipped"),
+                (patches[i] < _FEW, f"only {patches[i]} patches: the prior says much of this curve"),
+                (falling[i], "brightness falls where the reference rises; check the order of the patches"),
+                (flat[i], "the data hardly narrow the prior"),
+                (edge[i], "the best parameters lie at the edge of what the prior expects"),
+            )
+            if holds
+        )
+        for i in range(len(free))
+    )
+
+
+def _flat(model: ResponseModel, belief: Belief | None, n: int) -> np.ndarray:
+    """Say where the posterior of the first parameter is nearly as wide as its prior."""
+    if belief is None or model.prior_ is None:
+        return np.zeros(n, dtype=bool)
+    first = np.broadcast_to(belief.free[..., 0], belief.weights.shape)
+    mean = (belief.weights * first).sum(axis=1, keepdims=True)
+    variance = (belief.weights * (first - mean) ** 2).sum(axis=1)
+    return np.asarray(variance > 0.8**2 * model.prior_.covariance[0, 0])
+
+
+def _at_edge(model: ResponseModel, free: Array) -> np.ndarray:
+    """Say where a parameter lies more than 4 standard deviations from the mean of the prior."""
+    if model.prior_ is None:
+        return np.zeros(len(free), dtype=bool)
+    sd = np.sqrt(np.diagonal(model.prior_.covariance))
+    return np.asarray((np.abs(free - model.prior_.mean) > 4.0 * sd).any(axis=1))
+
+
+def _falling(observations: Observations) -> np.ndarray:
+    """Say where brightness and reference run against each other."""
+    if observations.reference is None:
+        return np.zeros(len(observations), dtype=bool)
+    w = observations.counts * observations.weights
+    total = np.maximum(w.sum(axis=2, keepdims=True), 1e-300)
+    b, r = (
+        x - (w * x).sum(axis=2, keepdims=True) / total
+        for x in (observations.brightness, np.log(observations.reference)[:, None])
+    )
+    return np.asarray((w * b * r).sum(axis=(1, 2)) < 0)

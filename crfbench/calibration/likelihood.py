@@ -1,0 +1,152 @@
+"""How probable observations are under a curve: Gaussian in log irradiance, with what is not known eliminated.
+
+For patch p in photograph e, with g the inverse response and b the brightness,
+
+    log g(b_ep) = log r_p + u_p + s_e + v_ep
+
+r_p is the reference and u_p its error, the same in all photographs; s_e is the exposure, free or known to some
+accuracy; v_ep is the error of the brightness. u and s are Gaussian, so they are eliminated in closed form. What remains
+is a quadratic form of the left side: the squared distance to the nearest irradiances that the scene could have had.
+Logarithms, because a residual in units of irradiance rewards curves that shrink everything.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crfbench.calibration.observations import Observations
+from crfbench.curves import Array
+from crfbench.errors import InputError
+
+#: Irradiance below which the logarithm is held.
+DARKEST = 1e-4
+
+_GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical response
+_UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is not exact, as standard deviations.
+
+    Parameters
+    ----------
+    brightness : float
+        Of a patch's brightness, in units of the full range; a share 2.2 `brightness` / b of the irradiance.
+    exposure : float
+        Of each known exposure, in stops.
+    independent : float
+        The share of the observations that count as independent: how a model misses a real curve varies slowly along
+        it, so that neighbours repeat each other.
+    freedom : float
+        Degrees of freedom with which these figures are believed; the data may scale all of them together.
+    """
+
+    brightness: float = 0.02
+    exposure: float = 0.1
+    independent: float = 0.5
+    freedom: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"noise {name}={value!r} does not fit; use a number above 0")
+
+
+class Likelihood:
+    """The likelihood of `n` sets of observations; every method takes arrays of shape (n, e, p, m).
+
+    Parameters
+    ----------
+    observations : Observations
+    noise : Noise
+    """
+
+    def __init__(self, observations: Observations, noise: Noise) -> None:
+        self.noise = noise
+        counts = observations.counts
+        relative = _GAMMA * noise.brightness / np.maximum(observations.brightness, 1 / 255)
+        self.variance = relative**2
+        self.precision = counts * observations.weights / self.variance
+        self.error = _UNKNOWN if observations.reference is None else observations.reference_error
+        self.offset = _offset(observations)
+        self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
+        known = observations.exposures is not None
+        self._inverse = np.linalg.inv(self._exposure_precision(noise.exposure * np.log(2) if known else _UNKNOWN))
+        self.freedom = self._degrees(observations, counts)
+        self.clip = self._clip(observations)
+
+    def _exposure_precision(self, sigma: float) -> Array:
+        """Return the precision of the exposures, (n, e, e), given that only their differences are known to `sigma`."""
+        e = self.precision.shape[1]
+        weighted = self.precision * self._share[:, None]
+        data = np.eye(e) * self.precision.sum(axis=2)[:, None] - weighted @ np.swapaxes(self.precision, 1, 2)
+        differences = (np.eye(e) - 1.0 / e) / sigma**2
+        return data + differences + np.eye(e) / _UNKNOWN**2
+
+    def _degrees(self, observations: Observations, counts: np.ndarray) -> Array:
+        """Count the observations beyond those that the eliminated unknowns take up; at least 1."""
+        n = (counts * observations.weights).sum(axis=(1, 2))
+        scales = counts.any(axis=2).sum(axis=1) if observations.exposures is None else 1
+        patches = counts.any(axis=1).sum(axis=1) - 1 if observations.reference is None else 0
+        return np.maximum(n - scales - patches, 1.0)
+
+    def _clip(self, observations: Observations) -> Array:
+        """Return 1 / sigma of clipped patches that others give a scale to, negative for black ones, else 0."""
+        counts = observations.counts
+        told = observations.clipped & (observations.weights > 0)
+        if observations.exposures is None:
+            told = told & counts.any(axis=2, keepdims=True)
+        if observations.reference is None:
+            told = told & counts.any(axis=1, keepdims=True)
+        sigma = np.sqrt(self.variance + np.broadcast_to(self.error, self._share.shape)[:, None] ** 2)
+        return np.where(told, np.where(observations.brightness > 0.5, 1.0, -1.0) / sigma, 0.0)
+
+    def residual(self, g: Array, rows: np.ndarray | slice) -> Array:
+        """Return log g minus the log irradiance that reference and exposure tell, for g of shape (m, e, p, k)."""
+        return np.log(np.maximum(g, DARKEST)) - self.offset[rows][..., None]
+
+    def squares(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
+        """Return d^T M d, shape (m, k), and the exposures (m, e, k) of residuals (m, e, p, k).
+
+        M is the precision of the residuals after the unknowns are eliminated.
+        """
+        w = self.precision[rows]
+        weighted = w[..., None] * d
+        by_patch = weighted.sum(axis=1)
+        total = np.einsum("nepk,nepk->nk", weighted, d)
+        total -= np.einsum("npk,np,npk->nk", by_patch, self._share[rows], by_patch)
+        h = weighted.sum(axis=2) - w @ (self._share[rows][..., None] * by_patch)
+        exposures = self._inverse[rows] @ h
+        return total - np.einsum("nek,nek->nk", h, exposures), exposures
+
+    def project(self, d: Array, rows: np.ndarray | slice) -> Array:
+        """Return M d, shape (m, e, p, k)."""
+        w, share = self.precision[rows][..., None], self._share[rows][:, None, :, None]
+        exposures = self.squares(d, rows)[1]
+        rest = w * (d - exposures[:, :, None])
+        return rest - w * share * rest.sum(axis=1, keepdims=True)
+
+    def margins(self, d: Array, exposures: Array, rows: np.ndarray | slice) -> tuple[np.ndarray, Array]:
+        """Return by how many standard deviations each clipped patch lies beyond its brightness.
+
+        Returns
+        -------
+        owner : ndarray, shape (c,)
+            To which of the rows each clipped patch belongs.
+        margin : ndarray, shape (c, k)
+            Linear in `d`; the probability of what was seen is the normal distribution function of it.
+        """
+        clip = self.clip[rows]
+        i, e, p = np.nonzero(clip)
+        return i, (exposures[i, e] - d[i, e, p]) * clip[i, e, p][:, None]
+
+
+def _offset(observations: Observations) -> Array:
+    """Return the log irradiance that reference and exposure tell, up to a constant, shape (n, e, p)."""
+    offset = np.zeros(observations.brightness.shape)
+    if observations.reference is not None:
+        offset += np.log(observations.reference)[:, None, :]
+    if observations.exposures is not None:
+        offset += np.log(2.0) * observations.exposures[:, :, None]
+    return offset

@@ -1,0 +1,166 @@
+"""What a calibration sees: the brightness of patches in photographs, and what is known about their irradiance."""
+
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.curves import Array
+from crfbench.errors import InputError
+
+#: Brightness at which 8-bit JPEG counts as saturated; 0 counts as black.
+SATURATED = 254 / 255
+
+#: Relative standard deviation of a reference value that comes from a printed chart under real light.
+REFERENCE_ERROR = 0.05
+
+_GAMMA = 2.2  # of a typical response; tells how an uneven colour shifts a mean of brightnesses
+
+
+class Observations:
+    """Photographs of patches, for one calibration or a batch of `n`.
+
+    Parameters
+    ----------
+    brightness : array_like, shape (e, p) or (n, e, p)
+        Of `p` patches in `e` photographs, from 0 to 1.
+    reference : array_like, shape (p,) or (n, p), optional
+        Irradiance of each patch in any unit; None when it is not known (then `exposures` must be).
+    exposures : array_like, shape (e,) or (n, e), optional
+        Exposure of each photograph in stops, from any zero; None when it is not known.
+    clipped : array_like of bool, shape (e, p) or (n, e, p), optional
+        Patches that say only "at least this bright" (or "at most", below mid brightness); by default those at 0 or
+        from `SATURATED`.
+    weights : array_like, shape (p,), (e, p) or (n, e, p), optional
+        How many observations each counts for; 0 leaves it out. Default 1.
+    reference_error : array_like, shape (p,) or (n, p), optional
+        Relative standard deviation of each reference value, the same in all photographs.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit each other, values that are not finite or out of range, too few patches that
+        count, or patches that all look the same.
+    """
+
+    def __init__(
+        self,
+        brightness: ArrayLike,
+        reference: ArrayLike | None = None,
+        exposures: ArrayLike | None = None,
+        clipped: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+        reference_error: ArrayLike = REFERENCE_ERROR,
+    ) -> None:
+        b = _finite("brightness", brightness)
+        if b.ndim not in (2, 3) or not b.size:
+            raise InputError(f"brightness has shape {b.shape}; use (images, patches) or (n, images, patches), none 0")
+        if b.min() < 0 or b.max() > 1:
+            raise InputError(f"brightness runs from {b.min():g} to {b.max():g}; use values from 0 to 1")
+        self.brightness: Array = b[None] if b.ndim == 2 else b
+        b = self.brightness
+        n, e, p = b.shape
+        beyond = (b <= 0) | (b >= SATURATED) if clipped is None else np.asarray(clipped, dtype=bool)
+        self.clipped: NDArray[np.bool_] = _fit("clipped", beyond, (n, e, p))
+        self.weights: Array = _fit("weights", _finite("weights", 1.0 if weights is None else weights), (n, e, p))
+        if self.weights.min() < 0:
+            raise InputError(f"weights go down to {self.weights.min():g}; use 0 or more")
+        self.reference = None if reference is None else _positive("reference", reference, (n, p))
+        self.reference_error = _positive("reference_error", reference_error, (n, p))
+        self.exposures = None if exposures is None else _fit("exposures", _finite("exposures", exposures), (n, e))
+        self._check_information()
+
+    def __len__(self) -> int:
+        return len(self.brightness)
+
+    @property
+    def counts(self) -> NDArray[np.bool_]:
+        """Which observations are measurements: neither clipped nor left out; shape (n, e, p)."""
+        return (self.weights > 0) & ~self.clipped
+
+    @classmethod
+    def from_rgb(cls, rgb: ArrayLike, reference: ArrayLike | None = None, **others: ArrayLike | None) -> Self:
+        """Observe intensities, the means of red, green and blue; coloured patches count for less.
+
+        Parameters
+        ----------
+        rgb : array_like, shape (e, p, 3) or (n, e, p, 3)
+            Brightness of each channel, from 0 to 1.
+        reference : array_like, shape (p,) or (n, p), optional
+        **others
+            Further parameters of `Observations`.
+
+        Notes
+        -----
+        A camera bends each channel by itself, and the mean of bent values is not the bent mean. With a response near
+        gamma 2.2 and channels that spread by a share c of their mean, the intensity is off by about
+        2.2 (2.2 - 1) / 2 c^2 of the irradiance; so much is added to `reference_error`.
+        """
+        channels = _finite("rgb", rgb)
+        if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
+            raise InputError(f"rgb has shape {channels.shape}; use (images, patches, 3) or (n, images, patches, 3)")
+        intensity = channels.mean(axis=-1)
+        spread = channels.std(axis=-1) / np.maximum(intensity, 1 / 255)
+        error = np.hypot(REFERENCE_ERROR, _GAMMA * (_GAMMA - 1) / 2 * spread.mean(axis=-2) ** 2)
+        return cls(intensity, reference, **{"reference_error": error, **others})
+
+    def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
+        """Keep some patches, by index from 0."""
+        chosen = np.asarray(patches, dtype=np.intp)
+        reference = None if self.reference is None else self.reference[:, chosen]
+        return type(self)(
+            self.brightness[..., chosen],
+            reference,
+            self.exposures,
+            self.clipped[..., chosen],
+            self.weights[..., chosen],
+            self.reference_error[:, chosen],
+        )
+
+    def _check_information(self) -> None:
+        if self.reference is None and self.exposures is None:
+            raise InputError("neither reference nor exposures are given; use one of them, or both")
+        counts = self.counts
+        if self.reference is None:
+            known = (counts.sum(axis=1) >= 2).any(axis=1)
+            if not known.all():
+                row = int(np.argmin(known))
+                raise InputError(f"no patch of observations {row} is unclipped in 2 photographs; use more exposures")
+        patches = counts.any(axis=1).sum(axis=1)
+        if self.reference is not None and patches.min() < 2:
+            row = int(np.argmin(patches))
+            raise InputError(
+                f"observations {row} have {patches[row]} unclipped patch{'es' * (patches[row] != 1)}; use 2 or more"
+            )
+        low = np.where(counts, self.brightness, np.inf).min(axis=(1, 2))
+        high = np.where(counts, self.brightness, -np.inf).max(axis=(1, 2))
+        if (high <= low).any():
+            row = int(np.argmax(high <= low))
+            raise InputError(f"all patches of observations {row} have brightness {low[row]:g}; use patches that differ")
+
+
+def _finite(name: str, values: ArrayLike) -> Array:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not a table of numbers: {error}") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} of shape {array.shape} holds NaN or infinite values; use finite numbers")
+    return array
+
+
+def _positive(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
+    array = _finite(name, values)
+    if array.size and array.min() <= 0:
+        raise InputError(f"{name} goes down to {array.min():g}; use values above 0")
+    return _fit(name, array, shape)
+
+
+def _fit(name: str, array: NDArray, shape: tuple[int, ...]) -> NDArray:
+    try:
+        return np.broadcast_to(array, shape)
+    except ValueError:
+        raise InputError(
+            f"{name} has shape {array.shape}, which does not fit the brightness; use {shape} or what broadcasts to it"
+        ) from None

@@ -1,0 +1,102 @@
+"""The log posterior of the free parameters: likelihood in log irradiance times the model's prior."""
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from crfbench.calibration.likelihood import DARKEST, Likelihood, Noise
+from crfbench.calibration.looked_up import looked_up
+from crfbench.calibration.observations import Observations
+from crfbench.calibration.table import Table, learned_prior
+from crfbench.curves import Array
+from crfbench.models import ResponseModel
+from crfbench.numerics import Objective
+
+_EVERY = slice(None)
+
+
+class Posterior:
+    """The posterior of `n` sets of observations.
+
+    The scale of all the noise is itself uncertain (inverse gamma) and integrated out, which makes Student's t of the
+    Gaussian: with S the quadratic form, nu = `noise.freedom` and n the effective number of observations,
+
+        log p = -(n + nu) / 2 log(1 + S / nu) + sum of log Phi(margins of clipped patches) + log prior
+
+    Parameters
+    ----------
+    observations : Observations
+    noise : Noise
+    """
+
+    def __init__(self, observations: Observations, noise: Noise) -> None:
+        self.brightness = observations.brightness
+        self.likelihood, self.noise = Likelihood(observations, noise), noise
+        self.power = noise.independent * self.likelihood.freedom + noise.freedom
+
+    def log_likelihood(self, irradiance: np.ndarray) -> Array:
+        """Return the log likelihood (n, t) of decoded irradiances (n, e, p, t), as a table looks them up."""
+        d = self.likelihood.residual(irradiance, _EVERY)
+        squares, exposures = self.likelihood.squares(d, _EVERY)
+        logs = -0.5 * self.power[:, None] * np.log1p(self._scaled(squares))
+        owner, margin = self.likelihood.margins(d, exposures, _EVERY)
+        np.add.at(logs, owner, self.noise.independent * log_ndtr(margin))
+        return logs
+
+    def on_table(self, table: Table) -> Array:
+        """Return minus the log posterior of every row of a table, shape (n, t), up to a constant."""
+        return -(self.log_likelihood(table.at(self.brightness)) + table.log_prior)
+
+    def objective(self, model: ResponseModel, owner: np.ndarray) -> Objective:
+        """Return minus twice the log posterior for `levenberg_marquardt`."""
+        prior = learned_prior(model)
+        precision = np.linalg.inv(prior.covariance)
+
+        def cost(free: Array, problems: np.ndarray) -> tuple[Array, Array, Array]:
+            value, curved, gradient = self._data_terms(model, free, owner[problems])
+            off = free - prior.mean
+            value += np.einsum("mi,ij,mj->m", off, precision, off)
+            return value, curved + precision, gradient + off @ precision
+
+        return cost
+
+    def noise_scale(self, model: ResponseModel, free: Array) -> Array:
+        """Return by which factor the data scale the stated noise, shape (n,), given free parameters (n, k)."""
+        g, _ = looked_up(model, free, self.brightness)
+        squares, _ = self.likelihood.squares(self.likelihood.residual(g[..., None], _EVERY), _EVERY)
+        freedom = self.noise.independent * self.likelihood.freedom
+        expected = self.noise.freedom + self.noise.independent * squares[:, 0]
+        return np.sqrt(expected / (self.noise.freedom + freedom))
+
+    def _scaled(self, squares: Array) -> Array:
+        return self.noise.independent * squares / self.noise.freedom
+
+    def _data_terms(self, model: ResponseModel, free: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
+        """Return minus twice the log likelihood, half its curvature and half its gradient."""
+        g, slope = looked_up(model, free, self.brightness[rows])
+        slope = np.where(g[..., None] > DARKEST, slope / np.maximum(g, DARKEST)[..., None], 0.0)
+        d = self.likelihood.residual(g[..., None], rows)
+        projected = self.likelihood.project(slope, rows)
+        squares, exposures = self.likelihood.squares(d, rows)
+        share = (
+            self.power[rows] * self.noise.independent / (self.noise.freedom + self.noise.independent * squares[:, 0])
+        )
+        curved = share[:, None, None] * np.einsum("mepi,mepj->mij", slope, projected)
+        gradient = share[:, None] * np.einsum("mepk,mep->mk", projected, d[..., 0])
+        value = self.power[rows] * np.log1p(self._scaled(squares[:, 0]))
+        return self._add_censored((value, curved, gradient), d, exposures, slope, rows)
+
+    def _add_censored(
+        self, terms: tuple[Array, Array, Array], d: Array, exposures: Array, slope: Array, rows: np.ndarray
+    ) -> tuple[Array, Array, Array]:
+        value, curved, gradient = terms
+        owner, margin = self.likelihood.margins(d, exposures, rows)
+        if owner.size:
+            u = margin[:, 0]
+            along = self.likelihood.margins(slope, self.likelihood.squares(slope, rows)[1], rows)[1]
+            mills = np.exp(-0.5 * u**2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
+            share = self.noise.independent
+            np.add.at(value, owner, -2.0 * share * log_ndtr(u))
+            np.add.at(gradient, owner, -share * mills[:, None] * along)
+            bend = share * mills * (mills + u)
+            np.add.at(curved, owner, bend[:, None, None] * along[:, :, None] * along[:, None, :])
+        return value, curved, gradient

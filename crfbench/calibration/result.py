@@ -1,0 +1,100 @@
+"""What a calibration gives."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crfbench.calibration.bands import Belief
+from crfbench.calibration.observations import Observations
+from crfbench.curves import GRID, Array, invert, repair
+from crfbench.errors import InputError
+from crfbench.models import ResponseModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+LEVELS = (0.5, 0.9)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Inverse responses from observations, one for each of the `n` sets.
+
+    Parameters
+    ----------
+    model : ResponseModel
+    method : str
+    observations : Observations
+    params : ndarray, shape (n, k)
+        The best by the method's own measure.
+    curves : ndarray, shape (n, 1024)
+        Inverse responses (brightness to irradiance): of `params`, or with method "posterior" the posterior mean.
+    residuals : ndarray, shape (n, e, p)
+        Log irradiance of each patch less what reference and exposure tell; 0.05 is 5 % too bright.
+    brightness_range : ndarray, shape (n, 2)
+        Least and greatest brightness measured; beyond, the model and its prior speak alone.
+    warnings : tuple of tuples of str
+        One tuple for each set.
+    seconds : float
+        For all of them.
+    noise_scale : ndarray, shape (n,), optional
+        By which factor the data scale the stated noise ("map", "posterior").
+    belief : Belief, optional
+        The posterior itself ("posterior").
+    bands : dict
+        From level (0.5, 0.9) to the low and high curves, each (n, 1024), between which that share of the posterior
+        lies at every brightness ("posterior").
+    """
+
+    model: ResponseModel
+    method: str
+    observations: Observations
+    params: Array
+    curves: Array
+    residuals: Array
+    brightness_range: Array
+    warnings: tuple[tuple[str, ...], ...]
+    seconds: float
+    noise_scale: Array | None = None
+    belief: Belief | None = None
+    bands: dict[float, tuple[Array, Array]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.params)
+
+    @property
+    def responses(self) -> Array:
+        """Responses (irradiance to brightness), shape (n, 1024): the nearest valid curves, inverted."""
+        return invert(repair(self.curves))
+
+    def to_frame(self) -> "DataFrame":
+        """Return one row for each set: parameters, brightness range, RMS residual, noise scale and warnings."""
+        import pandas as pd
+
+        frame = pd.DataFrame(self.params, columns=list(self.model.param_names))
+        frame["darkest"], frame["brightest"] = self.brightness_range.T
+        counts = self.observations.counts
+        squares = np.where(counts, self.residuals**2, 0.0).sum(axis=(1, 2))
+        frame["rms_residual"] = np.sqrt(squares / counts.sum(axis=(1, 2)))
+        if self.noise_scale is not None:
+            frame["noise_scale"] = self.noise_scale
+        if self.belief is not None:
+            frame["log_evidence"] = self.belief.log_evidence
+        return frame.assign(warnings=["; ".join(each) for each in self.warnings])
+
+    def plot(self, index: int = 0, ax: "Axes | None" = None) -> "Axes":
+        """Draw one curve, its bands, and the observations where the reference and their own scale put them."""
+        from crfbench.plots import plot_calibration
+
+        if not -len(self) <= index < len(self):
+            raise InputError(f"index={index} does not fit; there are {len(self)} calibrations")
+        return plot_calibration(self, index, ax)
+
+    def dots(self, index: int = 0) -> tuple[Array, Array]:
+        """Return brightness and aligned irradiance of the measured patches of one set, each of shape (m,)."""
+        counts = self.observations.counts[index]
+        brightness = self.observations.brightness[index][counts]
+        irradiance = np.interp(brightness, GRID, self.curves[index])
+        return brightness, irradiance * np.exp(-self.residuals[index][counts])

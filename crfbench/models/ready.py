@@ -1,0 +1,68 @@
+"""Models ready to calibrate with: their basis and prior learned from the DoRF curves beforehand."""
+
+import zipfile
+import zlib
+
+import numpy as np
+
+from crfbench.curves import GRID, Direction, check_direction
+from crfbench.errors import FormatError, InputError
+from crfbench.models.base import Prior, ResponseModel
+from crfbench.models.emor import EMoR
+from crfbench.models.gamma import Gamma
+from crfbench.models.ggcm import GGCM
+from crfbench.models.polynomial import Polynomial
+from crfbench.models.ppisp import PPISP
+from crfbench.models.slr import SLR
+from crfbench.resources import shipped
+
+LEARNED = "data/dorf_priors.npz"
+
+_CLASSICAL: dict[str, type[ResponseModel]] = {kind.name: kind for kind in (Gamma, Polynomial, GGCM, PPISP)}
+_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
+
+
+def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -> ResponseModel:
+    """Load a model with its prior.
+
+    Parameters
+    ----------
+    name : str
+        "Gamma", "Polynomial", "GGCM", "EMoR", "PPISP", or "SLR-" and the name of shipped weights, as "SLR-ldl".
+    n_params : int
+        Numbers of parameters that are shipped: 1 for Gamma, 4 for PPISP, 1 or 3 for SLR, 1 to 4 for the others.
+    direction : {"forward", "inverse"}
+
+    Returns
+    -------
+    ResponseModel
+        With `prior_`. EMoR has the principal components of the DoRF curves, as crfbench computes them.
+
+    Raises
+    ------
+    InputError
+        For a name or number of parameters that is not shipped.
+    FormatError
+        When the shipped file is damaged.
+    """
+    check_direction(direction)
+    if name.startswith("SLR-"):
+        return SLR.load(name.removeprefix("SLR-"), n_params, direction)
+    key = f"{name}-{n_params}-{direction}"
+    try:
+        with np.load(shipped(LEARNED), allow_pickle=False) as learned:
+            if f"{key}.mean" not in learned:
+                names = sorted({entry.rsplit("-", 1)[0] for entry in learned if entry.endswith(".mean")})
+                raise InputError(f"no prior is shipped for {name!r} with {n_params} parameters; use {', '.join(names)}")
+            model = _bare(name, n_params, direction, learned)
+            model.prior_ = Prior(learned[f"{key}.mean"], learned[f"{key}.covariance"])
+    except _DAMAGE as error:
+        raise FormatError(f"{LEARNED} is damaged ({error}); install crfbench again to restore it") from None
+    return model
+
+
+def _bare(name: str, n_params: int, direction: Direction, learned: "np.lib.npyio.NpzFile") -> ResponseModel:
+    if name == EMoR.name:
+        basis = learned[f"basis-{direction}"].astype(np.float64)
+        return EMoR(basis[0], basis[1:], n_params, direction)
+    return _CLASSICAL[name].from_curves(GRID, n_params, direction)
