@@ -217,7 +217,6 @@ def test_bytes_of_any_kind_give_a_format_error(name, data):
         decode(name, data)
 
 
-@pytest.mark.filterwarnings("ignore:Reading `.npy`")  # NumPy says of some damage that Python 2 did it
 @pytest.mark.parametrize("name", FORMATS)
 @given(st.data())
 @settings(max_examples=100, deadline=None)
@@ -364,7 +363,7 @@ def test_arrays_that_are_no_curves(array):
 def test_objects_in_a_numpy_file_are_never_made():
     file = io.BytesIO()
     np.save(file, np.array([SimpleNamespace(a=1)] * 1024, dtype=object), allow_pickle=True)
-    with pytest.raises(FormatError, match="damaged"):
+    with pytest.raises(FormatError, match="of real numbers"):
         decode("npy", file.getvalue())
 
 
