@@ -360,6 +360,14 @@ def test_arrays_that_are_no_curves(array):
         decode("npy", file.getvalue())
 
 
+@pytest.mark.parametrize("kind", ["<f4", ">f8", "<f2"])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_numpy_files_of_any_real_kind_are_read(kind, order):
+    file = io.BytesIO()
+    np.save(file, np.asarray(RGB, dtype=kind, order=order))
+    np.testing.assert_array_equal(decode("npy", file.getvalue()).curves, RGB.astype(kind))
+
+
 def test_objects_in_a_numpy_file_are_never_made():
     file = io.BytesIO()
     np.save(file, np.array([SimpleNamespace(a=1)] * 1024, dtype=object), allow_pickle=True)
