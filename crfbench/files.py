@@ -23,7 +23,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 def check_new(path: str | Path, overwrite: bool) -> Path:
     """Return `path`; raise `InputError` where there is something already and `overwrite` is false."""
     if Path(path).exists() and not overwrite:
-        raise InputError(f"{path} exists already; use another path, or overwrite=True (--force on the command line)")
+        raise InputError(f"{path} exists already; use another path or overwrite=True (--force on the command line)")
     return Path(path)
 
 

@@ -39,8 +39,8 @@ def linearise(image: ArrayLike, response: Passport | ArrayLike, dtype: DTypeLike
     Examples
     --------
     >>> from crfbench.curves import GRID
-    >>> linearise(np.array([[0, 128, 255]], dtype=np.uint8), GRID**2).round(3).tolist()
-    [[0.0, 0.25199997425079346, 1.0]]
+    >>> linearise(np.array([[0, 128, 255]], dtype=np.uint8), GRID**2, dtype=np.uint16).tolist()
+    [[0, 16513, 65535]]
     """
     pixels, curves = np.asarray(image), _inverse(response)
     if np.dtype(dtype) not in _OUTPUTS:
