@@ -2,11 +2,12 @@
 
 import io
 import json
-from contextlib import suppress
+import subprocess
+import sys
+from contextlib import nullcontext, suppress
 from dataclasses import fields
 from types import SimpleNamespace
 
-import colour
 import cv2
 import numpy as np
 import pandas as pd
@@ -236,9 +237,8 @@ def test_odd_numbers_are_refused(name, odd):
     words = FORMATS[name].write(ONE).decode().replace(",", " , ").split(" ")
     row = next(i for i in range(-1, -len(words), -1) if words[i].strip() not in ("", ","))
     words[row] = ("Re" if name == "hugin" else "") + odd
-    if (name, odd) == ("hugin", "-1"):
-        pytest.skip("a coefficient may be negative")
-    with pytest.raises(FormatError):
+    allowed = (name, odd) == ("hugin", "-1")  # a coefficient may be negative
+    with nullcontext() if allowed else pytest.raises(FormatError):
         decode(name, " ".join(words).replace(" , ", ",").encode())
 
 
@@ -384,21 +384,24 @@ def test_the_reader_of_dorf_reads_our_records():
     assert decode("dorf", FORMATS["dorf"].write(THREE)).camera == "Coolcam 3"
 
 
-def test_colour_science_reads_the_cube(tmp_path):
-    write_response(THREE, tmp_path / "a.cube")
-    lut = colour.read_LUT(str(tmp_path / "a.cube"))
-    assert lut.name == "Coolcam 3"
-    np.testing.assert_allclose(lut.table, RGB.T, atol=1e-9)
+def test_colour_science_and_we_read_each_others_cubes(tmp_path):
+    write_response(THREE, tmp_path / "ours.cube")
     image = np.random.default_rng(0).uniform(size=(8, 9, 3))
-    expected = np.stack([np.interp(image[..., i], GRID, RGB[i]) for i in range(3)], axis=2)
-    np.testing.assert_allclose(lut.apply(image), expected, atol=1e-8)
-
-
-def test_we_read_the_cube_of_colour_science(tmp_path):
     table = np.stack([np.linspace(0, 1, 33) ** gamma for gamma in (2.0, 2.2, 2.4)], axis=1)
-    colour.write_LUT(colour.LUT3x1D(table, name="other"), str(tmp_path / "a.cube"), decimals=9)
-    found = read_response(tmp_path / "a.cube")
-    assert found.camera == "other"
+    np.savez(tmp_path / "in.npz", image=image, table=table)
+    # In a process of its own: importing colour-science changes the filters of warnings for every later test.
+    code = """import colour, numpy as np
+given, lut = np.load("in.npz"), colour.read_LUT("ours.cube")
+np.savez("out.npz", name=lut.name, table=lut.table, image=lut.apply(given["image"]))
+colour.write_LUT(colour.LUT3x1D(given["table"], name="theirs"), "theirs.cube", decimals=9)"""
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=tmp_path, check=True, capture_output=True)
+    out = np.load(tmp_path / "out.npz")
+    assert out["name"] == "Coolcam 3"
+    np.testing.assert_allclose(out["table"], RGB.T, atol=1e-9)
+    expected = np.stack([np.interp(image[..., i], GRID, RGB[i]) for i in range(3)], axis=2)
+    np.testing.assert_allclose(out["image"], expected, atol=1e-8)
+    found = read_response(tmp_path / "theirs.cube")
+    assert found.camera == "theirs"
     np.testing.assert_allclose(found.curves, [np.interp(GRID, np.linspace(0, 1, 33), g) for g in table.T], atol=1e-8)
 
 
