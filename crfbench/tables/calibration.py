@@ -88,6 +88,19 @@ def calibration_table(
     )
 
 
+def error_frame(patches: str = "3", method: str = "map", rows: Sequence[tuple[str, str, int]] = ROWS) -> pd.DataFrame:
+    """Return the RMSE of every camera (rows) with every model (columns), as `calibration_table` summarises it."""
+    chart = patch_arrays(load_patches())
+    errors = {
+        " ".join(map(str, filter(None, row))): _calibrated(row, chart, _subsets(patches, 0), (method, "intensity", 0))[
+            0
+        ]
+        for row in rows
+    }
+    floors = dict(list(_floors(chart, "intensity"))[:1])
+    return pd.DataFrame({**errors, **floors}, index=pd.Index(chart.cameras, name="camera"))
+
+
 def table_model(row: tuple[str, str, int]) -> ResponseModel:
     """Load the inverse model of a table's row: model, constraint, number of parameters."""
     family, constraint, k = row

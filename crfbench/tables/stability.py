@@ -34,10 +34,8 @@ ROWS = (
 )
 DEFINITION = (
     "total variance: the variance of four inverse responses (divided by 4), from 3, 6, 12 and 24 patches of all eight "
-    "photographs, summed over 1024 samples; the stated subsets take patches in the order "
-    + ", ".join(map(str, ORDER))
-    + "; random subsets are nested too, each for one of the cameras in turn, and take patches that a camera clips in all "
-    "photographs last"
+    f"photographs, summed over 1024 samples; the stated subsets take patches in the order {', '.join(map(str, ORDER))}; "
+    "random subsets are nested too, each for one of the cameras in turn, patches that a camera always clips last"
 )
 
 
@@ -97,7 +95,8 @@ def stability_curves(camera: str, model: tuple[str, str, int], method: str, seed
 def _drawn(clipped: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Shuffle the patches of a camera; those that are clipped in all its photographs come last."""
     order = rng.permutation(N_PATCHES)
-    return order[np.argsort(clipped.all(axis=(0, 1))[order], kind="stable")]
+    never = np.asarray(clipped.all(axis=(0, 1)))
+    return order[np.argsort(never[order], kind="stable")]
 
 
 def _nested(chart: PatchArrays, cameras: list[int], orders: np.ndarray) -> Observations:
