@@ -1,7 +1,7 @@
 """Find a colour chart in a photograph with OpenCV's detector, and judge what it proposes by the patches' colours.
 
-The detector's own judgement supposes sRGB colours and misses charts under other responses and lights, so it is asked
-for every candidate, at several sizes and brightnesses; `crfbench.charts.measuring` accepts or refuses them.
+The detector's own judgement supposes sRGB colours and drops charts in dark or tinted photographs, so it is asked for
+every candidate; `crfbench.charts.measuring` accepts or refuses them.
 """
 
 from collections.abc import Iterator
@@ -9,17 +9,16 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crfbench.charts.geometry import SIZE, homography, project
-from crfbench.charts.measuring import Orientation, orient
+from crfbench.charts.geometry import SIZE, UNIT, homography, project
+from crfbench.charts.measuring import Orientation, check_image, orient
 from crfbench.curves import Array
 from crfbench.errors import InputError
 
-# Longest side in pixels and exponent of the tries, in this order: those that find most come first.
-_TRIES = tuple((side, exponent) for exponent in (0.8, 0.4, 1.3, 0.6) for side in (640, 420, 1000, 260))
+# Larger photographs are reduced to it: more pixels find no more charts.
+_LONGEST_SIDE = 1000
 _CANDIDATES = 30
 # The detector's box has a margin of this many widths of a patch round the patches.
 _MARGIN = 0.1
-_UNIT: Array = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=np.float64)
 
 
 def find_chart(image: ArrayLike) -> Orientation:
@@ -33,48 +32,46 @@ def find_chart(image: ArrayLike) -> Orientation:
     Returns
     -------
     Orientation
-        The corners in chart order, as fractions of the image; see `crfbench.charts.chart_confidence`.
+        The corners in chart order, as fractions of the image, and the `chart_confidence`.
 
     Raises
     ------
     InputError
         If there is none, or the image has another shape.
     """
-    pixels = np.asarray(image, dtype=np.float32)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or min(pixels.shape[:2]) < 2:
-        raise InputError(f"the image has shape {pixels.shape}; use (height, width, 3)")
-    for side, exponent in _TRIES:
-        found = [judged for box in _candidates(_prepared(pixels, side, exponent)) for judged in _judged(pixels, box)]
-        if found:
-            return max(found, key=lambda orientation: orientation.confidence)
-    raise InputError("no chart of 24 patches was found in the photograph; label its four corners by hand")
+    pixels = check_image(image).astype(np.float32)
+    found = [judged for corners in _candidates(_prepared(pixels)) for judged in _judged(pixels, corners)]
+    if not found:
+        raise InputError("no chart of 24 patches was found in the photograph; label its four corners by hand")
+    return max(found, key=lambda orientation: orientation.confidence)
 
 
-def _prepared(pixels: NDArray[np.float32], side: int, exponent: float) -> NDArray[np.uint8]:
-    """Return the photograph in 8 bits, blue first, resized, each channel stretched and brightened or darkened."""
+def _prepared(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return the photograph reduced, each channel stretched to the full range, in 8 bits, blue first."""
     import cv2
 
-    scale = side / max(pixels.shape[:2])
-    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=way)
+    scale = min(1.0, _LONGEST_SIDE / max(pixels.shape[:2]))
+    width, height = (max(2, round(scale * length)) for length in pixels.shape[1::-1])
+    small = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
     white = np.maximum(np.percentile(small, 99.5, axis=(0, 1)), 1e-3)
-    return np.rint(255 * np.clip(small / white, 0, 1) ** exponent).astype(np.uint8)[..., ::-1].copy()
+    return np.rint(255 * np.clip(small / white, 0, 1)).astype(np.uint8)[..., ::-1].copy()
 
 
 def _candidates(image: NDArray[np.uint8]) -> Iterator[Array]:
-    """Yield the corners of the patches of everything that may be a chart, as fractions of the image."""
+    """Yield the corners of the patches of all that may be a chart, as fractions of the image."""
     import cv2
 
     detector = cv2.mcc.CCheckerDetector.create()
+    detector.setColorChartType(cv2.mcc.MCC24)  # must be said: OpenCV 5.0 leaves it uninitialised
+    detector.setUseDnnModel(False)
     settings = detector.getDetectionParams()
-    settings.findCandidatesApproxPolyDPEpsMultiplier = 0.08
     settings.maxError, settings.minInterCheckerDistance = 1e9, 0
     detector.setDetectionParams(settings)
     detector.process(image, _CANDIDATES)
-    frame = (SIZE + 2 * _MARGIN) * _UNIT - _MARGIN
+    frame = (SIZE + 2 * _MARGIN) * UNIT - _MARGIN
     for checker in detector.getListColorChecker():
-        box = np.array(checker.getBox(), dtype=np.float64)
-        yield (project(homography(frame, box), SIZE * _UNIT) + 0.5) / image.shape[1::-1]
+        box = homography(frame, np.array(checker.getBox()))
+        yield (project(box, SIZE * UNIT) + 0.5) / image.shape[1::-1]
 
 
 def _judged(pixels: NDArray[np.float32], corners: Array) -> Iterator[Orientation]:

@@ -15,7 +15,7 @@ COLUMNS, ROWS = 6, 4
 # In widths of a patch. Charts have gaps of 0.1 to 0.15; over the chart this moves no centre by 0.05.
 GAP = 0.1
 SIZE: Array = np.array([COLUMNS * (1 + GAP) - GAP, ROWS * (1 + GAP) - GAP])
-_UNIT: Array = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=np.float64)
+UNIT: Array = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=np.float64)
 
 
 def as_corners(corners: ArrayLike) -> Array:
@@ -78,4 +78,4 @@ def sample_positions(corners: Array, n: int, share: float) -> Array:
     origins = np.column_stack([columns, rows]) * (1 + GAP) + 0.5
     offsets = ((np.arange(n) + 0.5) / n - 0.5) * share
     inner = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
-    return project(homography(SIZE * _UNIT, corners), origins[:, None] + inner)
+    return project(homography(SIZE * UNIT, corners), origins[:, None] + inner)

@@ -14,7 +14,7 @@ from crfbench.errors import InputError
 BOX_SHARE = 0.5
 # Left out at either end before averaging: dust, scratches, hot pixels.
 TRIMMED_SHARE = 0.1
-MIN_BOX_PIXELS, _MAX_BOX_PIXELS = 4, 128
+MIN_BOX_PIXELS, _FEW_PIXELS, _MAX_BOX_PIXELS = 4, 8, 128
 # The 14 cameras of the Middlebury set reach 0.90 to 0.98, and less than 0 mirrored or upside down.
 MIN_CONFIDENCE = 0.8
 # How much the grey row may rise between two patches: noise where both are black or both are white.
@@ -50,6 +50,16 @@ class Orientation(NamedTuple):
     confidence: float
 
 
+def check_image(image: ArrayLike) -> NDArray:
+    """Return `image` as an array of shape (height, width, 3) of finite numbers, else raise `InputError`."""
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size or not np.issubdtype(pixels.dtype, np.floating):
+        raise InputError(f"the image has shape {pixels.shape} of {pixels.dtype}; use (height, width, 3) in [0, 1]")
+    if not np.isfinite(pixels).all():
+        raise InputError("the image holds NaN or infinite values; use finite values in [0, 1]")
+    return pixels
+
+
 def measure_chart(image: ArrayLike, corners: ArrayLike) -> PatchValues:
     """Measure the patches between given corners.
 
@@ -69,12 +79,10 @@ def measure_chart(image: ArrayLike, corners: ArrayLike) -> PatchValues:
     InputError
         For corners that cannot be a chart's, an image of another shape, or patches of fewer than 4 pixels a side.
     """
-    pixels = _sample(np.asarray(image), as_corners(corners))
-    cut = int(TRIMMED_SHARE * pixels.shape[1])
-    means = np.sort(pixels, axis=1)[:, cut : pixels.shape[1] - cut].mean(axis=1)
+    pixels = _sample(check_image(image), as_corners(corners), _MAX_BOX_PIXELS)
     clipped = ((pixels <= _BLACK) | (pixels >= _WHITE)).any(axis=2).mean(axis=1)
     low, high = np.percentile(pixels.mean(axis=2), [16, 84], axis=1)
-    return PatchValues(means, clipped, (high - low) / 2)
+    return PatchValues(_trimmed_means(pixels), clipped, (high - low) / 2)
 
 
 def chart_confidence(means: Array) -> float:
@@ -111,9 +119,9 @@ def orient(image: ArrayLike, corners: ArrayLike) -> Orientation:
         As `measure_chart`; also if the colours are not those of a chart (mirrored or another), or the grey row does
         not fall from white to black.
     """
-    points = as_corners(corners)
+    pixels, points = check_image(image), as_corners(corners)
     readings = [np.roll(points, -turn, axis=0) for turn in range(4)]
-    means = [measure_chart(image, reading).means for reading in readings]
+    means = [_trimmed_means(_sample(pixels, reading, _FEW_PIXELS)) for reading in readings]
     confidences = [chart_confidence(colours) for colours in means]
     best = int(np.argmax(confidences))
     if confidences[best] < MIN_CONFIDENCE:
@@ -126,10 +134,13 @@ def orient(image: ArrayLike, corners: ArrayLike) -> Orientation:
     return Orientation(readings[best], confidences[best])
 
 
-def _sample(image: NDArray, corners: Array) -> Array:
-    """Return the pixels of the inner boxes, about each one once, shape (24, n, 3)."""
-    if image.ndim != 3 or image.shape[2] != 3:
-        raise InputError(f"the image has shape {image.shape}; use (height, width, 3)")
+def _trimmed_means(pixels: Array) -> Array:
+    cut = int(TRIMMED_SHARE * pixels.shape[1])
+    return np.asarray(np.sort(pixels, axis=1)[:, cut : pixels.shape[1] - cut].mean(axis=1))
+
+
+def _sample(image: NDArray, corners: Array, most: int) -> Array:
+    """Return pixels of the inner boxes, about each one once but `most` a row and column, shape (24, n, 3)."""
     size = np.array(image.shape[1::-1])
     box = sample_positions(corners, 2, 2 * BOX_SHARE) * size  # its four points are the corners of the inner box
     sides = np.linalg.norm(box[:, [1, 3, 2, 0]] - box[:, [0, 1, 3, 2]], axis=2)
@@ -138,6 +149,6 @@ def _sample(image: NDArray, corners: Array) -> Array:
             f"the inner box of a patch has {sides.min():.1f} pixels a side; use a larger image of the chart, "
             f"with {MIN_BOX_PIXELS} or more"
         )
-    n = int(np.clip(np.ceil(sides.max()), MIN_BOX_PIXELS, _MAX_BOX_PIXELS))
+    n = int(min(np.ceil(sides.max()), most))
     x, y = np.moveaxis(np.floor(sample_positions(corners, n, BOX_SHARE) * size).astype(np.intp), -1, 0)
     return image[y.clip(0, size[1] - 1), x.clip(0, size[0] - 1)].astype(np.float64)
