@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from crfbench.charts.reading import DAMAGE, RAW_SUFFIXES, open_image, open_raw, read_size
+from crfbench.charts.reading import RAW_SUFFIXES, exif_tags, open_image, open_raw
 from crfbench.curves import Array
 
-_MODEL, _FOLDER = 0x0110, 0x8769
-_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
+_MODEL, _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x0110, 0x829A, 0x829D, 0x8827
 
 
 @dataclass(frozen=True)
@@ -36,10 +35,7 @@ def read_exif(path: Path) -> Exif:
         If the file is no photograph, as `crfbench.charts.read_size`.
     """
     path = Path(path)
-    if path.suffix.lower() in RAW_SUFFIXES:
-        return _raw_exif(path)
-    read_size(path)
-    return _image_exif(path)
+    return _raw_exif(path) if path.suffix.lower() in RAW_SUFFIXES else _image_exif(path)
 
 
 def exposure_steps(exifs: Sequence[Exif]) -> Array:
@@ -70,11 +66,7 @@ def _raw_exif(path: Path) -> Exif:
 
 
 def _image_exif(path: Path) -> Exif:
-    try:
-        exif = open_image(path.read_bytes()).getexif()
-        tags = {**exif, **exif.get_ifd(_FOLDER)}
-    except DAMAGE:
-        return Exif()  # the photograph itself may well be whole
+    tags = exif_tags(open_image(path)[0])
     model = str(tags.get(_MODEL, "")).strip("\0 ")
     time, f_number, iso = (_positive(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO))
     return Exif(time, f_number, iso, model or None)

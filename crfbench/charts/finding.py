@@ -15,7 +15,7 @@ from crfbench.curves import Array
 from crfbench.errors import InputError
 
 # Larger photographs are reduced to it: more pixels find no more charts.
-_LONGEST_SIDE = 1000
+_LONGEST_SIDE, _SHORTEST_SIDE = 1000, 32
 _CANDIDATES = 30
 # The detector's box has a margin of this many widths of a patch round the patches.
 _MARGIN = 0.1
@@ -39,22 +39,27 @@ def find_chart(image: ArrayLike) -> Orientation:
     InputError
         If there is none, or the image has another shape.
     """
-    pixels = check_image(image).astype(np.float32)
-    found = [judged for corners in _candidates(_prepared(pixels)) for judged in _judged(pixels, corners)]
+    pixels = _reduced(check_image(image).astype(np.float32))
+    # The detector enlarges the shorter side to 1000 pixels, so a strip would become huge.
+    proposed = _candidates(_stretched(pixels)) if min(pixels.shape[:2]) >= _SHORTEST_SIDE else ()
+    found = [judged for corners in proposed for judged in _judged(pixels, corners)]
     if not found:
         raise InputError("no chart of 24 patches was found in the photograph; label its four corners by hand")
     return max(found, key=lambda orientation: orientation.confidence)
 
 
-def _prepared(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return the photograph reduced, each channel stretched to the full range, in 8 bits, blue first."""
+def _reduced(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     import cv2
 
     scale = min(1.0, _LONGEST_SIDE / max(pixels.shape[:2]))
     width, height = (max(2, round(scale * length)) for length in pixels.shape[1::-1])
-    small = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-    white = np.maximum(np.percentile(small, 99.5, axis=(0, 1)), 1e-3)
-    return np.rint(255 * np.clip(small / white, 0, 1)).astype(np.uint8)[..., ::-1].copy()
+    return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _stretched(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return the photograph in 8 bits, each channel stretched to the full range, blue first."""
+    white = np.maximum(np.percentile(pixels, 99.5, axis=(0, 1)), 1e-3)
+    return np.rint(255 * np.clip(pixels / white, 0, 1)).astype(np.uint8)[..., ::-1].copy()
 
 
 def _candidates(image: NDArray[np.uint8]) -> Iterator[Array]:

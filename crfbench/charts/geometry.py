@@ -33,7 +33,7 @@ def as_corners(corners: ArrayLike) -> Array:
     """
     try:
         points = np.array(corners, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"corners={corners!r} are no numbers; use four pairs of x and y from 0 to 1") from None
     if points.shape != (4, 2) or not ((points >= 0) & (points <= 1)).all():
         raise InputError(

@@ -29,10 +29,10 @@ _RAW_NAMES = (
 )
 RAW_SUFFIXES = frozenset(f".{name}" for name in _RAW_NAMES)
 
-_ORIENTATION = 0x0112
+_ORIENTATION, _EXIF_FOLDER = 0x0112, 0x8769
 _FORMATS = ("JPEG", "PNG", "TIFF")
 # What Pillow raises on bytes that are no image, or one that was cut or altered.
-DAMAGE: tuple[type[Exception], ...] = (
+_DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, EOFError, ValueError, TypeError, KeyError, IndexError, SyntaxError, OverflowError, RuntimeError),
     *(ZeroDivisionError, AttributeError, struct.error),
 )
@@ -104,16 +104,16 @@ def read_image(path: Path) -> Picture:
     import cv2
 
     path = Path(path)
-    content = _content(path)
-    _check_image(path, content)
+    _, content = open_image(path)
     try:
-        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     except cv2.error:
         raise _unreadable(path, "image") from None
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
         raise FormatError(f"{path.name} cannot be decoded; use a complete JPEG, PNG or TIFF file of 8 or 16 bits")
     bits = 8 * pixels.itemsize
-    return Picture(pixels.astype(np.float32) / np.float32(2**bits - 1), bits)
+    # Reversed here: OpenCV 5.0 garbles TIFF files of 16 bits where it is asked for red first.
+    return Picture(pixels[..., ::-1].astype(np.float32) / np.float32(2**bits - 1), bits)
 
 
 def read_size(path: Path) -> tuple[int, int]:
@@ -125,10 +125,14 @@ def read_size(path: Path) -> tuple[int, int]:
         As `read_raw` and `read_image`.
     """
     path = Path(path)
-    if path.suffix.lower() not in RAW_SUFFIXES:
-        return _check_image(path, _content(path))
-    with open_raw(path) as raw:
-        return _turned_size(raw)
+    if path.suffix.lower() in RAW_SUFFIXES:
+        with open_raw(path) as raw:
+            return _turned_size(raw)
+    image, _ = open_image(path)
+    # Pillow turns the size of TIFF files itself.
+    turned = exif_tags(image).get(_ORIENTATION) in (5, 6, 7, 8) and image.format != "TIFF"
+    width, height = image.size
+    return (height, width) if turned else (width, height)
 
 
 @contextmanager
@@ -146,16 +150,38 @@ def open_raw(path: Path) -> Iterator[Any]:
         raise _unreadable(path, "RAW file") from None
 
 
-def open_image(content: bytes) -> Any:
-    """Return Pillow's view of an image file, its header read but not its pixels; raises one of `DAMAGE`."""
+def open_image(path: Path) -> tuple[Any, bytes]:
+    """Return Pillow's view of an image file, its header read and checked but not its pixels, and the file's bytes.
+
+    For errors see `read_image`.
+    """
     from PIL import Image
 
+    path = Path(path)
+    content = _content(path)
+    damage = (*_DAMAGE, Image.DecompressionBombError)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about sizes, which are checked here, and damage that is found later
         try:
-            return Image.open(BytesIO(content), formats=_FORMATS)
-        except Image.DecompressionBombError as error:
-            raise ValueError(str(error)) from None
+            image = Image.open(BytesIO(content), formats=_FORMATS)
+        except damage:
+            raise _unreadable(path, "JPEG, PNG or TIFF file") from None
+    _check_size(path, *image.size)
+    if image.mode != "RGB" or "transparency" in image.info:
+        kind = "RGB with transparency" if image.mode == "RGB" else image.mode
+        raise FormatError(f"{path.name} is a {kind} image; use RGB with 8 or 16 bits and without alpha")
+    return image, content
+
+
+def exif_tags(image: Any) -> dict[int, Any]:
+    """Return the EXIF tags of what `open_image` returned; none where they are missing or damaged."""
+    if image.format == "PNG" and "exif" not in image.info:
+        return {}  # Pillow would decode the pixels to look behind them
+    try:
+        exif = image.getexif()
+        return {**exif, **exif.get_ifd(_EXIF_FOLDER)}
+    except _DAMAGE:
+        return {}
 
 
 def _content(path: Path) -> bytes:
@@ -190,18 +216,3 @@ def _check_raw(path: Path, raw: Any) -> None:
 def _turned_size(raw: Any) -> tuple[int, int]:
     sizes = raw.sizes
     return (sizes.height, sizes.width) if sizes.flip in (5, 6) else (sizes.width, sizes.height)
-
-
-def _check_image(path: Path, content: bytes) -> tuple[int, int]:
-    """Refuse sizes and colours before decoding; return width and height as turned."""
-    try:
-        image = open_image(content)
-        mode, orientation = image.mode, image.getexif().get(_ORIENTATION, 1)
-    except DAMAGE:
-        raise _unreadable(path, "JPEG, PNG or TIFF file") from None
-    if mode != "RGB" or "transparency" in image.info:
-        kind = "RGB with transparency" if mode == "RGB" else mode
-        raise FormatError(f"{path.name} is a {kind} image; use RGB with 8 or 16 bits and without alpha")
-    # Pillow turns the size of TIFF files itself.
-    turned = orientation in (5, 6, 7, 8) and image.format != "TIFF"
-    return _check_size(path, *(image.size[::-1] if turned else image.size))

@@ -72,6 +72,7 @@ class SafeReader:
                 raise FormatError(f"{path.name} took its decoder more than {self._timeout:g} s; use another file")
             succeeded, answer = pipe.recv()
         except (EOFError, OSError):
+            self.close()
             raise FormatError(f"{path.name} crashed its decoder; use another file") from None
         except BaseException:
             self.close()  # whatever it does now, its answer would be taken for that to the next file
