@@ -131,7 +131,7 @@ class Observations:
         if self.reference is not None and patches.min() < 2:
             row = int(np.argmin(patches))
             raise InputError(
-                f"observations {row} have {patches[row]} unclipped patch{'es' * (patches[row] != 1)}; use 2 or more"
+                f"observations {row} have {patches[row]} unclipped patch{'' if patches[row] == 1 else 'es'}; use 2 or more"
             )
         low = np.where(counts, self.brightness, np.inf).min(axis=(1, 2))
         high = np.where(counts, self.brightness, -np.inf).max(axis=(1, 2))
