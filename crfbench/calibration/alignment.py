@@ -48,15 +48,16 @@ class AlignedLoss:
     def on_table(self, table: Table) -> Array:
         """Return the loss of every row of a table, shape (n, t), in single precision."""
         g = table.at(self.brightness)
-        w = self.weights.astype(np.float32)
-        moments = np.stack([w * self.reference.astype(np.float32), w], axis=2) @ g
-        g *= g
-        square = (w[:, :, None] @ g)[:, :, 0]
+        w = self.weights.astype(np.float32)[:, :, None]
         if self.offset:
-            square -= moments[:, :, 1] ** 2
-        gained = moments[:, :, 0] ** 2 / np.maximum(square, 1e-9)
-        mse = np.maximum(self.power[..., None].astype(np.float32) - gained, 0.0)
-        return np.sqrt(np.einsum("net,net->nt", mse, mse))
+            g -= w @ g  # first, because single precision loses the difference of two mean squares
+        unit = np.sqrt(self.power.max(axis=1))  # so that the reference's own unit never leaves single precision
+        unit[unit == 0] = 1.0
+        along = (w * (self.reference / unit[:, None, None]).astype(np.float32)[:, :, None]) @ g
+        g *= g
+        gained = (along**2 / np.maximum(w @ g, _TINY))[:, :, 0]
+        mse = np.maximum((self.power / unit[:, None] ** 2).astype(np.float32)[..., None] - gained, 0.0)
+        return unit[:, None] ** 2 * np.sqrt(np.einsum("net,net->nt", mse, mse))
 
     def evaluate(self, model: ResponseModel, free: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
         """Return the MSE of each photograph (m, e), its gradient (m, e, k), and half its Gauss-Newton Hessian."""
