@@ -23,6 +23,8 @@ DARKEST = 1e-4
 
 _GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical response
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
+_LEAST = 1e-6  # standard deviation; sums over known and unknown lose no digits that count
+_SHARPEST = 1e10  # precision of one log irradiance, for the same reason
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class Noise:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"noise {name}={value!r} does not fit; use a number above 0")
+            if not _LEAST <= value <= 1 / _LEAST:  # False for NaN
+                raise InputError(f"noise {name}={value!r} does not fit; use a number from {_LEAST:g} to {1 / _LEAST:g}")
 
 
 class Likelihood:
@@ -67,12 +69,13 @@ class Likelihood:
         counts = observations.counts
         relative = _GAMMA * noise.brightness / np.maximum(observations.brightness, 1 / 255)
         self.variance = relative**2
-        self.precision = counts * observations.weights / self.variance
-        self.error = _UNKNOWN if observations.reference is None else observations.reference_error
+        self.precision = counts * np.minimum(observations.weights / self.variance, _SHARPEST)
+        known = observations.reference is not None
+        self.error = np.clip(observations.reference_error, _LEAST, _UNKNOWN) if known else _UNKNOWN
         self.offset = _offset(observations)
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
-        known = observations.exposures is not None
-        self._inverse = np.linalg.inv(self._exposure_precision(noise.exposure * np.log(2) if known else _UNKNOWN))
+        sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
+        self._inverse = np.linalg.inv(self._exposure_precision(sigma))
         self.freedom = self._degrees(observations, counts)
         self.clip = self._clip(observations)
 
@@ -118,7 +121,7 @@ class Likelihood:
         total -= np.einsum("npk,np,npk->nk", by_patch, self._share[rows], by_patch)
         h = weighted.sum(axis=2) - w @ (self._share[rows][..., None] * by_patch)
         exposures = self._inverse[rows] @ h
-        return total - np.einsum("nek,nek->nk", h, exposures), exposures
+        return np.maximum(total - np.einsum("nek,nek->nk", h, exposures), 0.0), exposures
 
     def project(self, d: Array, rows: np.ndarray | slice) -> Array:
         """Return M d, shape (m, e, p, k)."""

@@ -97,6 +97,6 @@ class Posterior:
             share = self.noise.independent
             np.add.at(value, owner, -2.0 * share * log_ndtr(u))
             np.add.at(gradient, owner, -share * mills[:, None] * along)
-            bend = share * mills * (mills + u)
+            bend = share * mills * np.maximum(mills + u, 0.0)  # far out, rounding could turn its sign
             np.add.at(curved, owner, bend[:, None, None] * along[:, :, None] * along[:, None, :])
         return value, curved, gradient
