@@ -146,10 +146,14 @@ class Likelihood:
 
 
 def _offset(observations: Observations) -> Array:
-    """Return the log irradiance that reference and exposure tell, up to a constant, shape (n, e, p)."""
+    """Return the log irradiance that reference and exposure tell, shape (n, e, p), less its mean over the counted.
+
+    Without the mean, nothing depends on the unit of the reference or the zero of the exposures.
+    """
     offset = np.zeros(observations.brightness.shape)
     if observations.reference is not None:
         offset += np.log(observations.reference)[:, None, :]
     if observations.exposures is not None:
         offset += np.log(2.0) * observations.exposures[:, :, None]
-    return offset
+    counts = observations.counts
+    return offset - (counts * offset).sum(axis=(1, 2), keepdims=True) / counts.sum(axis=(1, 2), keepdims=True)
