@@ -69,6 +69,7 @@ def drawn_belief(posterior: Posterior, model: ResponseModel, best: Array, seed: 
     n, k = best.shape
     prior = learned_prior(model)
     curved = posterior.objective(model, np.arange(n))(best, np.arange(n))[1]
+    curved += 1e-9 * curved * np.eye(k)  # very sharp likelihoods come out singular by rounding
     root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(curved)), 1, 2) * _WIDER
     normal = np.random.default_rng(seed).normal(size=(n, _DRAWS, k))
     free = best[:, None] + normal @ np.swapaxes(root, 1, 2)
