@@ -24,7 +24,7 @@ DARKEST = 1e-4
 _GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical response
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _LEAST = 1e-6  # standard deviation; sums over known and unknown lose no digits that count
-_SHARPEST = 1e10  # precision of one log irradiance, for the same reason
+_SHARPEST = 1e8  # precision of one log irradiance, for the same reason
 
 
 @dataclass(frozen=True)
