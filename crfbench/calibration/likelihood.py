@@ -75,17 +75,18 @@ class Likelihood:
         self.offset = _offset(observations)
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
         sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
-        self._inverse = np.linalg.inv(self._exposure_precision(sigma))
+        e = self.precision.shape[1]
+        # Only the differences of the exposures are known to `sigma`.
+        self._prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
+        self._inverse = np.linalg.inv(self._exposure_precision() + self._prior)
         self.freedom = self._degrees(observations, counts)
         self.clip = self._clip(observations)
 
-    def _exposure_precision(self, sigma: float) -> Array:
-        """Return the precision of the exposures, (n, e, e), given that only their differences are known to `sigma`."""
-        e = self.precision.shape[1]
+    def _exposure_precision(self) -> Array:
+        """Return the precision of the exposures that the data give, (n, e, e)."""
         weighted = self.precision * self._share[:, None]
-        data = np.eye(e) * self.precision.sum(axis=2)[:, None] - weighted @ np.swapaxes(self.precision, 1, 2)
-        differences = (np.eye(e) - 1.0 / e) / sigma**2
-        return data + differences + np.eye(e) / _UNKNOWN**2
+        own = np.eye(weighted.shape[1]) * self.precision.sum(axis=2)[:, None]
+        return np.asarray(own - weighted @ np.swapaxes(self.precision, 1, 2))
 
     def _degrees(self, observations: Observations, counts: np.ndarray) -> Array:
         """Count the observations beyond those that the eliminated unknowns take up; at least 1."""
@@ -123,12 +124,16 @@ class Likelihood:
         exposures = self._inverse[rows] @ h
         return np.maximum(total - np.einsum("nek,nek->nk", h, exposures), 0.0), exposures
 
-    def project(self, d: Array, rows: np.ndarray | slice) -> Array:
-        """Return M d, shape (m, e, p, k)."""
-        w, share = self.precision[rows][..., None], self._share[rows][:, None, :, None]
+    def project(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
+        """Return M d, shape (m, e, p, k), and d^T M d, shape (m, k, k), as a sum of squares that rounding leaves one."""
+        w = self.precision[rows][..., None]
         exposures = self.squares(d, rows)[1]
-        rest = w * (d - exposures[:, :, None])
-        return rest - w * share * rest.sum(axis=1, keepdims=True)
+        rest = d - exposures[:, :, None]
+        errors = self._share[rows][..., None] * (w * rest).sum(axis=1)
+        rest -= errors[:, None]
+        eliminated = errors / np.broadcast_to(self.error, self._share.shape)[rows][..., None]
+        product = np.einsum("mepi,mepj->mij", w * rest, rest) + np.swapaxes(eliminated, 1, 2) @ eliminated
+        return w * rest, product + np.swapaxes(exposures, 1, 2) @ self._prior @ exposures
 
     def margins(self, d: Array, exposures: Array, rows: np.ndarray | slice) -> tuple[np.ndarray, Array]:
         """Return by how many standard deviations each clipped patch lies beyond its brightness.

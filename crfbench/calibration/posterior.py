@@ -75,12 +75,12 @@ class Posterior:
         g, slope = looked_up(model, free, self.brightness[rows])
         slope = np.where(g[..., None] > DARKEST, slope / np.maximum(g, DARKEST)[..., None], 0.0)
         d = self.likelihood.residual(g[..., None], rows)
-        projected = self.likelihood.project(slope, rows)
+        projected, product = self.likelihood.project(slope, rows)
         squares, exposures = self.likelihood.squares(d, rows)
         share = (
             self.power[rows] * self.noise.independent / (self.noise.freedom + self.noise.independent * squares[:, 0])
         )
-        curved = share[:, None, None] * np.einsum("mepi,mepj->mij", slope, projected)
+        curved = share[:, None, None] * product
         gradient = share[:, None] * np.einsum("mepk,mep->mk", projected, d[..., 0])
         value = self.power[rows] * np.log1p(self._scaled(squares[:, 0]))
         return self._add_censored((value, curved, gradient), d, exposures, slope, rows)
