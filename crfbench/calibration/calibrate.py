@@ -76,7 +76,7 @@ def calibrate(
         free = minimise(AlignedLoss(observations, offset), model, table or decode_table(model, seed=seed))
     else:
         posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
-        logs = posterior.log_likelihood(table.at(observations.brightness))
+        logs = posterior.log_likelihood_on(table)
         free = minimise(posterior, model, table, -(logs + table.log_prior))
         scale = posterior.noise_scale(model, free)
         if method == "posterior":

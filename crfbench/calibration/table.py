@@ -1,5 +1,6 @@
 """A dense table of decoded curves: for one parameter it holds every curve that the model can make."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +15,7 @@ from crfbench.models.base import Prior
 ONE_PARAMETER, MORE_PARAMETERS = 512, 3072
 _REACH = 5.0  # standard deviations of the prior, and the least reach of a free parameter
 _BAND_STEP = 8  # bands are computed at every eighth sample
+_CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,12 @@ class Table:
         low = self.by_sample[left]
         low += share * (self.by_sample[left + 1] - low)
         return low
+
+
+def in_parts(n: int, cells: int) -> Iterator[slice]:
+    """Split `n` sets of observations that need `cells` numbers each into parts that stay in the processor's cache."""
+    size = max(1, _CELLS // max(cells, 1))
+    return (slice(first, min(first + size, n)) for first in range(0, n, size))
 
 
 def band_samples() -> np.ndarray:
