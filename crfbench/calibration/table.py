@@ -14,6 +14,7 @@ from crfbench.models.base import Prior
 
 ONE_PARAMETER, MORE_PARAMETERS = 512, 3072
 _REACH = 5.0  # standard deviations of the prior, and the least reach of a free parameter
+_FEWEST = 16  # rows
 _BAND_STEP = 8  # bands are computed at every eighth sample
 _CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
@@ -96,9 +97,11 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
     Raises
     ------
     InputError
-        When the model has no prior.
+        When the model has no prior, or for too few rows.
     """
     prior = learned_prior(model)
+    if rows is not None and rows < _FEWEST:
+        raise InputError(f"rows={rows} make no table; use {_FEWEST} or more")
     if model.n_params == 1:
         mean, sd = prior.mean[0], np.sqrt(prior.covariance[0, 0])
         reach = max(_REACH * sd, _REACH)
