@@ -125,7 +125,7 @@ class Likelihood:
         return np.maximum(total - np.einsum("nek,nek->nk", h, exposures), 0.0), exposures
 
     def project(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
-        """Return M d, shape (m, e, p, k), and d^T M d, shape (m, k, k), as a sum of squares that rounding leaves one."""
+        """Return M d, shape (m, e, p, k), and d^T M d, shape (m, k, k), positive whatever the rounding."""
         w = self.precision[rows][..., None]
         exposures = self.squares(d, rows)[1]
         rest = d - exposures[:, :, None]

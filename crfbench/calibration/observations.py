@@ -154,9 +154,8 @@ def _finite(name: str, values: ArrayLike) -> Array:
 def _positive(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     array = _finite(name, values)
     if array.size and not 1 / _EXTREME <= array.min() <= array.max() <= _EXTREME:
-        raise InputError(
-            f"{name} runs from {array.min():g} to {array.max():g}; use values above 0, from {1 / _EXTREME:g} to {_EXTREME:g}"
-        )
+        low, high = array.min(), array.max()
+        raise InputError(f"{name} runs from {low:g} to {high:g}; use values above 0, {1 / _EXTREME:g} to {_EXTREME:g}")
     return _fit(name, array, shape)
 
 
