@@ -51,8 +51,7 @@ def observe_chart(patches: "DataFrame", exposures: ArrayLike | None = None) -> O
     if np.isfinite(raw).all():
         bad = patches["raw_clipped"].to_numpy().reshape(-1, N_PATCHES) >= CLIPPED_SHARE
         reference, steps = separate(raw.mean(axis=-1), bad)
-        # A patch that no RAW file measured says nothing; its weight is 0.
-        known = reference > 0
+        known = reference > 0  # a patch that no RAW file measured says nothing
         return Observations(
             rgb.mean(axis=-1),
             np.where(known, reference, 1.0),
@@ -62,14 +61,15 @@ def observe_chart(patches: "DataFrame", exposures: ArrayLike | None = None) -> O
             reference_error=np.hypot(_RAW_ERROR, colour),
             absolute=True,
         )
-    steps = patches["exposure_step"].to_numpy().reshape(-1, N_PATCHES)[:, 0] if exposures is None else exposures
+    steps = np.asarray(
+        patches["exposure_step"].to_numpy().reshape(-1, N_PATCHES)[:, 0] if exposures is None else exposures
+    )
     if np.shape(steps) != (len(rgb),):
         raise InputError(f"there are {np.size(steps)} exposures for {len(rgb)} photographs with a chart; give one each")
-    known = np.asarray(np.isfinite(steps).all())
     return Observations(
         rgb.mean(axis=-1),
         np.maximum(chart_colours(), 0.0).mean(axis=1),
-        np.asarray(steps) if known else None,
+        steps if np.isfinite(steps).all() else None,
         clipped,
         reference_error=np.hypot(_CHART_ERROR, colour),
     )
