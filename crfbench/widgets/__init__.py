@@ -1,9 +1,10 @@
 """Interactive views for notebooks; their JavaScript and styles lie in ``static``."""
 
+from crfbench.widgets.calibration_explorer import CalibrationExplorer
 from crfbench.widgets.epoch_player import EpochPlayer
 from crfbench.widgets.latent_explorer import LatentExplorer
 from crfbench.widgets.model_explorer import ModelExplorer
 from crfbench.widgets.search_explorer import SearchExplorer
 from crfbench.widgets.training_panel import TrainingPanel
 
-__all__ = ["EpochPlayer", "LatentExplorer", "ModelExplorer", "SearchExplorer", "TrainingPanel"]
+__all__ = ["CalibrationExplorer", "EpochPlayer", "LatentExplorer", "ModelExplorer", "SearchExplorer", "TrainingPanel"]
