@@ -79,6 +79,42 @@ def latents(as_json: AsJson = False) -> None:
     _print_tables({"latents of the training curves, shipped models": latent_table()}, as_json)
 
 
+@table_app.command()
+def calibration(
+    patches: Annotated[str, typer.Option(help="3 (greys), 24 or random (triples)")] = "3",
+    method: Annotated[str, typer.Option(help="map, posterior, lm or paper (a minute)")] = "map",
+    channel: Annotated[str, typer.Option(help="intensity, r, g or b")] = "intensity",
+    as_json: AsJson = False,
+) -> None:
+    """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
+    from crfbench.tables.calibration import calibration_table
+
+    title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
+    _print_tables({title: calibration_table(patches, method, channel)}, as_json)
+
+
+@table_app.command()
+def stability(
+    camera: Annotated[str, typer.Option(help="Which camera to show by itself.")] = "CanonPowerShotG9",
+    as_json: AsJson = False,
+) -> None:
+    """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart."""
+    from crfbench.tables.stability import DEFINITION, stability_table
+
+    _print_tables({DEFINITION: stability_table(camera)}, as_json)
+
+
+@table_app.command("chart-free")
+def chart_free(
+    method: Annotated[str, typer.Option(help="map or posterior")] = "posterior", as_json: AsJson = False
+) -> None:
+    """Calibration from exposure steps alone, beside OpenCV's Debevec and Robertson."""
+    from crfbench.tables.chart_free import chart_free_table
+
+    title = "RMSE against RAW of the other illumination, up to scale; four exposures of 24 unknown patches"
+    _print_tables({title: chart_free_table(method)}, as_json)
+
+
 @app.command()
 def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("results")) -> None:
     """Rebuild every table and figure that exists, without a browser."""

@@ -53,7 +53,7 @@ def as_curves(curves: ArrayLike) -> Array:
     """
     try:
         batch = np.atleast_2d(np.asarray(curves, dtype=np.float64))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"curves of type {type(curves).__name__} are not numbers: {error}") from None
     if batch.ndim != 2 or batch.shape[1] != N_SAMPLES or not len(batch):
         raise InputError(f"curves have shape {np.shape(curves)}; use (1024,) or (n, 1024), resample() makes them")

@@ -1,8 +1,10 @@
-"""Writing files so that nothing is ever half-written."""
+"""Writing files so that nothing is ever half-written, nor replaced unasked."""
 
 import os
 import tempfile
 from pathlib import Path
+
+from crfbench.errors import InputError
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -16,3 +18,15 @@ def write_atomically(path: Path, content: bytes) -> None:
         Path(temporary).replace(path)
     finally:
         Path(temporary).unlink(missing_ok=True)
+
+
+def check_new(path: str | Path, overwrite: bool) -> Path:
+    """Return `path`; raise `InputError` where there is something already and `overwrite` is false."""
+    if Path(path).exists() and not overwrite:
+        raise InputError(f"{path} exists already; use another path or overwrite=True (--force on the command line)")
+    return Path(path)
+
+
+def write_new(path: str | Path, content: bytes, overwrite: bool) -> None:
+    """Write a file, complete or not at all, and replace an older one only where `overwrite` says so."""
+    write_atomically(check_new(path, overwrite), content)

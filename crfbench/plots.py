@@ -115,6 +115,70 @@ def plot_calibration(result: "Calibration", index: int = 0, ax: Axes | None = No
     return ax
 
 
+def plot_patch_counts(
+    curves: ArrayLike, sizes: Sequence[int], jpeg: ArrayLike, raw: ArrayLike, ax: Axes | None = None
+) -> Axes:
+    """Draw inverse responses from growing numbers of patches over what was measured: the paper's figure.
+
+    Parameters
+    ----------
+    curves : array_like, shape (n, 1024)
+    sizes : sequence of int, length n
+        How many patches each curve was calibrated with.
+    jpeg, raw : array_like, shape (m,)
+        Brightness and irradiance measured on all patches.
+    """
+    ax = _axes(ax)
+    ax.scatter(np.asarray(jpeg), np.asarray(raw), s=6, color="0.6", label="measured (JPEG, RAW)")
+    for curve, size, colour, style in zip(np.asarray(curves), sizes, PALETTE, _STYLES, strict=False):
+        ax.plot(GRID, curve, color=colour, ls=style, label=f"{size} patches")
+    _unit_square(ax, "inverse")
+    ax.legend(loc="upper left", fontsize="small")
+    return ax
+
+
+def plot_camera_errors(errors: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Draw the RMSE of every camera, one marker a model.
+
+    Parameters
+    ----------
+    errors : DataFrame
+        Cameras by models, from `crfbench.tables.calibration.error_frame`.
+    """
+    ax = _axes(ax, 8.0, 5.0)
+    sorted_errors = errors.sort_values(errors.columns[0])
+    for i, name in enumerate(errors.columns):
+        colour, marker = PALETTE[i % len(PALETTE)], _MARKERS[i % len(_MARKERS)]
+        ax.plot(sorted_errors[name], range(len(errors)), ls="", marker=marker, color=colour, alpha=0.8, label=name)
+    ax.set_yticks(range(len(errors)), sorted_errors.index)
+    ax.set(xlabel="RMSE on the other illumination (share of full scale)", xlim=(0, None))
+    ax.grid(axis="y", lw=0.3)
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    return ax
+
+
+def plot_coverage(tables: Mapping[str, pd.DataFrame], ax: Axes | None = None) -> Axes:
+    """Draw how much of held-out RAW the 90 % bands hold, model by model.
+
+    Parameters
+    ----------
+    tables : mapping
+        From a label to a table by method "posterior" of `crfbench.tables.calibration.calibration_table`.
+    """
+    ax = _axes(ax, 8.0, 5.0)
+    ax.axvspan(0.85, 0.95, color="0.9", label="calibrated: 0.85 to 0.95")
+    for (label, table), colour, marker in zip(tables.items(), PALETTE, _MARKERS, strict=False):
+        rows = table[table["coverage"].notna()]
+        names = rows["model"] + " " + rows["constraint"] + " " + rows["n_params"].astype(str)
+        ax.plot(rows["coverage"], range(len(rows)), ls="", color=colour, marker=marker, label=label)
+        ax.set_yticks(range(len(rows)), names)
+    ax.set(xlabel="share of held-out RAW inside the 90 % band", xlim=(0, 1))
+    ax.invert_yaxis()
+    ax.grid(axis="y", lw=0.3)
+    ax.legend(loc="lower left", fontsize="small")
+    return ax
+
+
 #: The models that `plot_fitting` draws; EMoR stands for itself, learned here or published, as the two coincide.
 _FITTING_MODELS = ("Gamma", "Polynomial", "GGCM", "EMoR-PCA", "PPISP", "SLR-ldl", "SLR-monotone")
 

@@ -16,11 +16,18 @@ from crfbench.datasets.middlebury import patch_intensity
 from crfbench.files import write_atomically
 from crfbench.history import load_history
 from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
+from crfbench.tables.calibration import calibration_table, error_frame
+from crfbench.tables.chart_free import chart_free_table
 from crfbench.tables.fitting import fitting_tables
 from crfbench.tables.latents import latent_table
 from crfbench.tables.recorded import load_recorded, to_rows
+from crfbench.tables.stability import CAMERA, SIZES, stability_curves, stability_table
+from crfbench.tables.stability import ROWS as STABILITY_ROWS
 
 _HISTORIES = ("ldl", "auc", "aae", "vae", "baseline")  # in the order of the paper's figure
+
+
+_SHOWN = (("SLR", "ldl", 1), ("SLR", "monotone", 1), ("Polynomial", "", 3), ("GGCM", "", 3), ("EMoR", "", 3))
 
 
 def build_results(folder: Path) -> Iterator[Path]:
@@ -36,8 +43,46 @@ def build_results(folder: Path) -> Iterator[Path]:
     for title, table in tables.items():
         yield from _write_table(folder / f"fitting_{title.split(',')[0]}", table)
     yield from _write_table(folder / "latents", latent_table())
+    yield from _calibrations(folder)
     for name, ax in _figures(load_responses("auto"), tables):
         yield from _write_figure(folder / name, ax)
+
+
+def _calibrations(folder: Path) -> Iterator[Path]:
+    """Write the stability, calibration and chart-free tables and their figures."""
+    tables = {(p, m): calibration_table(p, m) for m in ("map", "posterior") for p in ("3", "24", "random")}
+    for (patches, method), table in tables.items():
+        yield from _write_table(folder / f"calibration_{patches}_{method}", table)
+    yield from _write_table(folder / "calibration_paper_recorded", load_recorded("calibration_paper")[0])
+    yield from _write_table(folder / "stability", stability_table())
+    yield from _write_table(folder / "chart_free", chart_free_table())
+    for row in STABILITY_ROWS[:4]:
+        name = "_".join(map(str, filter(None, row)))
+        yield from _write_figure(folder / f"stability_{name}", stability_figure(row))
+    for patches in ("3", "24"):
+        errors = error_frame(patches, rows=_SHOWN)
+        yield from _write_figure(folder / f"calibration_cameras_{patches}", plots.plot_camera_errors(errors))
+    coverages = {f"{patches} patches": tables[patches, "posterior"] for patches in ("3", "24")}
+    yield from _write_figure(folder / "calibration_coverage", plots.plot_coverage(coverages))
+
+
+def stability_figure(
+    row: tuple[str, str, int], camera: str = CAMERA, method: str = "map", ax: Axes | None = None
+) -> Axes:
+    """Draw the inverse responses of a camera from 3, 6, 12 and 24 patches over what was measured.
+
+    Parameters
+    ----------
+    row : (model, constraint, number of parameters)
+    camera : str
+    method : str
+        Of `crfbench.calibration.calibrate`.
+    """
+    seen = patch_intensity(load_patches()).query("camera == @camera")
+    curves = stability_curves(camera, row, method)
+    ax = plots.plot_patch_counts(curves, SIZES, seen["jpeg"], seen["raw"], ax)
+    ax.set_title(f"{camera}: {' '.join(map(str, filter(None, row)))}, {method}")
+    return ax
 
 
 def _write_table(stem: Path, table: pd.DataFrame) -> Iterator[Path]:

@@ -1,6 +1,7 @@
 import pytest
 
-from crfbench.files import write_atomically
+from crfbench.errors import InputError
+from crfbench.files import write_atomically, write_new
 
 
 def test_replaces_the_file_and_leaves_nothing_else(tmp_path):
@@ -18,3 +19,13 @@ def test_a_failed_write_leaves_the_old_file_and_no_trace(tmp_path):
         write_atomically(path, "not bytes")
     assert path.read_bytes() == b"old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_file_that_is_there_is_kept_unless_told(tmp_path):
+    path = tmp_path / "a.txt"
+    write_new(path, b"one", overwrite=False)
+    with pytest.raises(InputError, match=r"a\.txt exists already.*--force"):
+        write_new(path, b"two", overwrite=False)
+    assert path.read_bytes() == b"one"
+    write_new(path, b"two", overwrite=True)
+    assert path.read_bytes() == b"two"

@@ -36,21 +36,25 @@ class Noise:
     exposure : float
         Of each known exposure, in stops.
     independent : float
-        The share of the observations that count as independent: how a model misses a real curve varies slowly along
-        it, so that neighbours repeat each other.
+        The share of the observations that count as independent. How a model misses a real curve varies slowly along
+        it, so that neighbours repeat each other; by default four photographs of one chart count as one.
     freedom : float
         Degrees of freedom with which these figures are believed; the data may scale all of them together.
     """
 
     brightness: float = 0.02
     exposure: float = 0.1
-    independent: float = 0.5
+    independent: float = 0.25
     freedom: float = 2.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"noise {name}={value!r} does not fit; use a number above 0")
+
+    def relative(self, brightness: Array) -> Array:
+        """Return the relative standard deviation of the irradiance that the brightness of a patch tells."""
+        return _GAMMA * self.brightness / np.maximum(brightness, 1 / 255)
 
 
 class Likelihood:
@@ -65,8 +69,7 @@ class Likelihood:
     def __init__(self, observations: Observations, noise: Noise) -> None:
         self.noise = noise
         counts = observations.counts
-        relative = _GAMMA * noise.brightness / np.maximum(observations.brightness, 1 / 255)
-        self.variance = relative**2
+        self.variance = noise.relative(observations.brightness) ** 2
         self.precision = counts * observations.weights / self.variance
         self.error = _UNKNOWN if observations.reference is None else observations.reference_error
         self.offset = _offset(observations)

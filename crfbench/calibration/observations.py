@@ -130,9 +130,7 @@ class Observations:
         patches = counts.any(axis=1).sum(axis=1)
         if self.reference is not None and patches.min() < 2:
             row = int(np.argmin(patches))
-            raise InputError(
-                f"observations {row} have {patches[row]} unclipped patch{'es' * (patches[row] != 1)}; use 2 or more"
-            )
+            raise InputError(f"unclipped patches of observations {row}: {patches[row]}; use 2 or more")
         low = np.where(counts, self.brightness, np.inf).min(axis=(1, 2))
         high = np.where(counts, self.brightness, -np.inf).max(axis=(1, 2))
         if (high <= low).any():

@@ -11,7 +11,7 @@ from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 from crfbench.models.base import Prior
 
-ONE_PARAMETER, MORE_PARAMETERS = 512, 3072
+ONE_PARAMETER, MORE_PARAMETERS = 512, 1024
 _REACH = 5.0  # standard deviations of the prior, and the least reach of a free parameter
 _BAND_STEP = 8  # bands are computed at every eighth sample
 
@@ -81,7 +81,7 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
     model : ResponseModel
         With a prior.
     rows : int, optional
-        Default 512 for one parameter, 3072 draws for more.
+        Default 512 for one parameter, 1024 draws for more.
     seed : int
         Of the draws.
 

@@ -46,6 +46,28 @@ _DTYPES = dict.fromkeys(COLUMNS, "float64") | {"camera": "str"} | dict.fromkeys(
 _BLACK, _WHITE = 0, 254
 
 
+#: Shares of a patch box that are clipped, from which on the whole patch counts as clipped.
+CLIPPED_SHARE = 0.02
+
+
+class PatchArrays(NamedTuple):
+    """The patch table as arrays: c cameras x 2 illuminations x 4 exposures x 24 patches.
+
+    Parameters
+    ----------
+    cameras : tuple of str, length c
+    jpeg, raw : ndarray, shape (c, 2, 4, 24, 3)
+        Red, green and blue in [0, 1]; photographs of one illumination lie one stop apart.
+    clipped : ndarray of bool, shape (c, 2, 4, 24)
+        Where the JPEG patch is clipped.
+    """
+
+    cameras: tuple[str, ...]
+    jpeg: Array
+    raw: Array
+    clipped: np.ndarray
+
+
 class Box(NamedTuple):
     """A patch box in pixels: left edge, top edge, width, height."""
 
@@ -137,6 +159,17 @@ def measure_patches(folder: Path) -> "pd.DataFrame":
 def patch_intensity(frame: "pd.DataFrame") -> "pd.DataFrame":
     """Return the table with the columns ``jpeg`` and ``raw``: the mean of red, green and blue, in [0, 1]."""
     return frame.assign(**{kind: frame[[f"{kind}_{channel}" for channel in "rgb"]].mean(axis=1) for kind in _KINDS})
+
+
+def patch_arrays(frame: "pd.DataFrame") -> PatchArrays:
+    """Return the patch table as arrays, cameras in alphabetical order."""
+    frame = frame.sort_values(list(KEYS))
+    cameras = tuple(frame["camera"].unique())
+    shape = (len(cameras), len(ILLUMINATIONS), len(EXPOSURES), N_PATCHES)
+    jpeg, raw = (
+        frame[[f"{kind}_{channel}" for channel in "rgb"]].to_numpy(float).reshape(*shape, 3) for kind in _KINDS
+    )
+    return PatchArrays(cameras, jpeg, raw, frame["jpeg_clipped"].to_numpy().reshape(shape) >= CLIPPED_SHARE)
 
 
 def parse_boxes(tags: str, width: int, height: int) -> list[Box]:

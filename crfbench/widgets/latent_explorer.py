@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 from crfbench.curves import GRID, Array, axis_labels
 from crfbench.datasets import Responses
 from crfbench.errors import InputError
+from crfbench.files import write_new
 from crfbench.models.slr import SLR
 from crfbench.models.weights import shipped_weights
 from crfbench.widgets.assets import join
-from crfbench.widgets.page import frame, page, write_new
+from crfbench.widgets.page import frame, page
 
 _STRIDE = 11  # 1023 = 3 * 11 * 31, so that every eleventh sample, 94 in all, includes both ends
 _TITLE = "The latent slider"

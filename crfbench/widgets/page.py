@@ -7,13 +7,10 @@ import base64
 import html
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from string import Template
 
 import anywidget
 
-from crfbench.errors import InputError
-from crfbench.files import write_atomically
 from crfbench.widgets.assets import join
 
 
@@ -47,13 +44,6 @@ def frame(document: str, instead: str) -> str:
     """
     style = "width: 100%; height: 640px; border: 0"
     return f'<iframe srcdoc="{html.escape(document)}" style="{style}">{html.escape(instead)}</iframe>'
-
-
-def write_new(path: str | Path, content: bytes, overwrite: bool) -> None:
-    """Write a file, complete or not at all, and replace an older one only where `overwrite` says so."""
-    if Path(path).exists() and not overwrite:
-        raise InputError(f"{path} exists already; use another path or overwrite=True")
-    write_atomically(Path(path), content)
 
 
 def _state(widget: anywidget.AnyWidget) -> dict[str, object]:

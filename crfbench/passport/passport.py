@@ -1,0 +1,218 @@
+"""The response passport: the curves of one camera, how sure they are, and what they were calibrated from."""
+
+import re
+from dataclasses import dataclass, field, fields, replace
+from datetime import date
+from importlib.metadata import version
+from numbers import Integral
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, invert
+from crfbench.errors import InputError
+
+#: The channels of a passport, by how many curves it has.
+CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
+
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+_TEXTS = ("camera", "model", "data_sha256", "version", "created")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Passport:
+    """One camera's response and what is known of it; what is not known stays at its default.
+
+    Parameters
+    ----------
+    direction : {"inverse", "forward"}
+        Brightness to irradiance, or irradiance to brightness; of the curves and of the band.
+    curves : array_like, shape (1024,), (1, 1024) or (3, 1024)
+        Monotone, from (0, 0) to (1, 1): one curve for intensity, or red, green and blue. Kept read-only.
+    low, high : array_like, same shape, optional
+        A pointwise band about the curves.
+    level : float, optional
+        The probability that the band stands for, such as 0.9; given if and only if the band is.
+    camera : str
+    iso : int, optional
+        Sensitivity setting that the curves hold for.
+    model : str
+        Name of the model that the curves were decoded from.
+    params : array_like, shape (c, k), optional
+        Its parameters, a row a curve.
+    data_sha256 : str
+        SHA-256 of the data it was calibrated from, 64 small hexadecimal digits.
+    valid_range : tuple of float
+        Lowest and highest brightness, in [0, 1], that the data constrained; beyond it the curves extrapolate.
+    created : str
+        ISO date, such as "2026-01-31"; the caller says it, no clock is read.
+    version : str
+        Of the crfbench that made it; by default this one.
+
+    Raises
+    ------
+    InputError
+        For curves that are no response, and for whatever else does not fit.
+
+    Examples
+    --------
+    >>> from crfbench.curves import GRID
+    >>> Passport("inverse", GRID**2.2, camera="Coolcam 3")
+    Passport('Coolcam 3', inverse, intensity)
+    """
+
+    direction: Direction
+    curves: Array
+    low: Array | None = None
+    high: Array | None = None
+    level: float | None = None
+    camera: str = ""
+    iso: int | None = None
+    model: str = ""
+    params: Array | None = None
+    data_sha256: str = ""
+    valid_range: tuple[float, float] = (0.0, 1.0)
+    created: str = ""
+    version: str = field(default_factory=lambda: version("crfbench"))
+
+    def __post_init__(self) -> None:
+        check_direction(self.direction)
+        for name in _TEXTS:
+            if not isinstance(getattr(self, name), str):
+                raise InputError(f"{name}={getattr(self, name)!r} is no text; use a str")
+        self._set("curves", _checked_curves(self.curves))
+        self._check_band()
+        self._check_params()
+        self._set("valid_range", _checked_range(self.valid_range))
+        _check_iso(self.iso)
+        _check_created(self.created)
+        if self.data_sha256 and not _SHA256.fullmatch(self.data_sha256):
+            raise InputError(f"data_sha256={self.data_sha256!r} is no SHA-256; use 64 small hexadecimal digits")
+
+    def __repr__(self) -> str:
+        return f"Passport({self.camera!r}, {self.direction}, {', '.join(self.channels)})"
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of the curves: "intensity", or "red", "green" and "blue"."""
+        return CHANNELS[len(self.curves)]
+
+    def in_direction(self, direction: str) -> Array:
+        """Return the curves as responses ("forward") or inverse responses ("inverse"), shape (c, 1024)."""
+        return self.curves if check_direction(direction) == self.direction else invert(self.curves)
+
+    def channel(self, name: str) -> "Passport":
+        """Return the passport of one channel, as intensity.
+
+        Raises
+        ------
+        InputError
+            For a channel that is not in `channels`.
+        """
+        if name not in self.channels:
+            raise InputError(f"channel={name!r} is not in this passport; use one of {', '.join(self.channels)}")
+        row = self.channels.index(name)
+        low, high, params = (None if part is None else part[[row]] for part in (self.low, self.high, self.params))
+        return replace(self, curves=self.curves[[row]], low=low, high=high, params=params)
+
+    def save(self, path: str | Path, overwrite: bool = False) -> None:
+        """Write the passport as JSON, complete or not at all; `load` gives every value back exactly.
+
+        Raises
+        ------
+        InputError
+            Where there is a file already and `overwrite` is false.
+        """
+        from crfbench.passport.exchange import write_response
+
+        write_response(self, path, "passport", overwrite)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        MissingDataError
+            For a path that leads nowhere.
+        FormatError
+            For a file that is no passport, or has anything missing, unknown or out of range.
+        """
+        from crfbench.passport.exchange import read_response
+
+        passport = read_response(path, "passport")
+        return cls(**{entry.name: getattr(passport, entry.name) for entry in fields(passport)})
+
+    def _set(self, name: str, value: object) -> None:
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(self, name, value)
+
+    def _check_band(self) -> None:
+        if self.low is None and self.high is None and self.level is None:
+            return
+        if self.low is None or self.high is None or self.level is None:
+            raise InputError("the band lacks one of low, high and level; use all three or none")
+        low, high = np.array(as_curves(self.low)), np.array(as_curves(self.high))
+        if not low.shape == high.shape == self.curves.shape or (low > high).any():
+            raise InputError(f"the band, {low.shape} to {high.shape}, does not fit; use low <= high, as many as curves")
+        level = _number("level", self.level)
+        if not 0.0 < level < 1.0:
+            raise InputError(f"level={self.level!r} is no probability; use a number between 0 and 1, such as 0.9")
+        self._set("low", low)
+        self._set("high", high)
+        self._set("level", level)
+
+    def _check_params(self) -> None:
+        if self.params is None:
+            return
+        params = np.array(_floats("params", self.params), ndmin=2)
+        if params.ndim != 2 or len(params) != len(self.curves):
+            raise InputError(f"params of shape {params.shape} do not fit {len(self.curves)} curves; use a row a curve")
+        self._set("params", params)
+
+
+def _floats(name: str, values: object) -> Array:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} holds something that is no number; use finite numbers") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds NaN or infinite values; use finite numbers")
+    return array
+
+
+def _number(name: str, value: object) -> float:
+    array = _floats(name, value)
+    if array.ndim:
+        raise InputError(f"{name}={value!r} is no single number; use one")
+    return float(array)
+
+
+def _checked_curves(curves: ArrayLike) -> Array:
+    batch = np.array(as_valid_curves(curves))
+    if len(batch) not in CHANNELS:
+        raise InputError(f"{len(batch)} curves do not fit a passport; use 1 (intensity) or 3 (red, green, blue)")
+    return batch
+
+
+def _checked_range(valid_range: object) -> tuple[float, float]:
+    values = _floats("valid_range", valid_range)
+    if values.shape != (2,) or not 0.0 <= values[0] < values[1] <= 1.0:
+        raise InputError(f"valid_range={valid_range!r} does not fit; use two rising brightnesses in [0, 1]")
+    return float(values[0]), float(values[1])
+
+
+def _check_iso(iso: object) -> None:
+    if iso is not None and (isinstance(iso, bool) or not isinstance(iso, Integral) or int(iso) < 1):
+        raise InputError(f"iso={iso!r} is no sensitivity; use a whole number from 1, or None")
+
+
+def _check_created(created: str) -> None:
+    try:
+        if created and date.fromisoformat(created).isoformat() != created:
+            raise ValueError
+    except ValueError:
+        raise InputError(f"created={created!r} is no date; use one like '2026-01-31'") from None

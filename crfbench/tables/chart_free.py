@@ -1,0 +1,126 @@
+"""Calibration from exposure steps alone, with no reference, beside OpenCV's two calibrators on the same pixels."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from crfbench.calibration import Observations, calibrate
+from crfbench.curves import GRID, Array, evaluate, repair
+from crfbench.datasets import load_patches
+from crfbench.datasets.middlebury import EXPOSURES, PatchArrays, patch_arrays
+from crfbench.metrics import nonmonotone, rmse
+from crfbench.tables.calibration import ROWS, chart_observations, table_model
+
+COLUMNS = (
+    "model", "constraint", "n_params", "method", "mean", "median", "max", "below_debevec", "below_robertson",
+    "below_both", "monotone", "failed", "seconds",
+)  # fmt: skip
+#: One stop from each photograph to the next.
+STEPS: Array = np.arange(len(EXPOSURES), dtype=float)
+
+_LEVELS = 256
+_SIDE = 8  # pixels of a patch in the pictures made for OpenCV, along each side
+
+
+def chart_free_table(method: str = "posterior") -> pd.DataFrame:
+    """Calibrate 14 cameras from four exposures of 24 unknown patches, each illumination by itself.
+
+    Returns
+    -------
+    DataFrame
+        With the columns of `COLUMNS`, one row a model, then OpenCV's. RMSE is against RAW of the other illumination
+        with the one scale that fits best, since exposures alone tell no scale; means over both illuminations of a
+        camera. ``below_...`` count the cameras with an RMSE at or below OpenCV's, one that failed counting as beaten;
+        ``monotone`` is the share of curves that never fall, ``failed`` that of calibrations without a finite result.
+        Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches
+        as grey pixels, which serves it better than intensities do, and its results are interpolated between the levels
+        that occur.
+    """
+    chart = patch_arrays(load_patches())
+    _, jpeg, raw = chart_observations(chart)
+    rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}
+    errors = {name: _errors(curves, jpeg, raw) for name, (curves, _) in rivals.items()}
+    rows = []
+    for family, constraint, k in ROWS:
+        curves, seconds = _timed(partial(chart_free_curves, chart, (family, constraint, k), method))
+        rows.append(((family, constraint, k, method), curves, seconds))
+    rows += [((f"OpenCV {name}", "", 0, "opencv"), *timed) for name, timed in rivals.items()]
+    return pd.DataFrame(
+        [_row(key, curves, seconds, _errors(curves, jpeg, raw), errors) for key, curves, seconds in rows],
+        columns=list(COLUMNS),
+    )
+
+
+def chart_free_curves(chart: PatchArrays, row: tuple[str, str, int], method: str = "posterior") -> Array:
+    """Return the inverse responses (28, 1024) of every camera and illumination, from exposure steps alone."""
+    rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])
+    clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])
+    observations = Observations.from_rgb(rgb, None, exposures=STEPS, clipped=clipped)
+    return repair(calibrate(table_model(row), observations, method).curves)
+
+
+def opencv_curves(chart: PatchArrays, name: str) -> Array:
+    """Return what OpenCV makes of the same patches, on the grid, shape (28, 1024); NaN where it fails.
+
+    Parameters
+    ----------
+    chart : PatchArrays
+    name : {"Debevec", "Robertson"}
+        Debevec and Malik 1997, doi:10.1145/258734.258884; Robertson, Borman and Stevenson 2003,
+        doi:10.1117/1.1557695.
+    """
+    levels = np.rint(chart.jpeg.reshape(-1, len(EXPOSURES), chart.jpeg[0, 0, 0].size) * (_LEVELS - 1)).astype(np.uint8)
+    return np.array([_opencv_curve(pictures, name) for pictures in levels])
+
+
+def _opencv_curve(levels: np.ndarray, name: str) -> Array:
+    """Calibrate one camera from levels (e, pixels)."""
+    import cv2
+
+    pictures = [cv2.merge([np.kron(row.reshape(6, -1), np.ones((_SIDE, _SIDE), np.uint8))] * 3) for row in levels]
+    calibrator = cv2.createCalibrateDebevec() if name == "Debevec" else cv2.createCalibrateRobertson()
+    response = calibrator.process(pictures, (2.0**STEPS).astype(np.float32))[:, 0, 0]
+    told = np.isfinite(response) & (response > 0)
+    if name == "Robertson":
+        told[np.setdiff1d(np.arange(_LEVELS), levels)] = False
+    if told.sum() < 2:
+        return np.full(GRID.shape, np.nan)
+    at = np.flatnonzero(told) / (_LEVELS - 1)
+    return np.asarray(np.interp(GRID, np.append(0.0, at), np.append(0.0, response[told])))
+
+
+def _timed(run: Callable[[], Array]) -> tuple[Array, float]:
+    began = time.perf_counter()
+    curves = run()
+    return curves, time.perf_counter() - began
+
+
+def _errors(curves: Array, jpeg: Array, raw: Array) -> Array:
+    """Return the RMSE of each camera, both illuminations averaged; NaN where both failed."""
+    decoded = evaluate(curves, jpeg)
+    scale = (decoded * raw).sum(axis=1) / (decoded**2).sum(axis=1)
+    both = rmse(scale[:, None] * decoded, raw).reshape(-1, 2)
+    known = np.isfinite(both)
+    return np.where(known, both, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+
+
+def _row(
+    key: tuple[str, str, int, str], curves: Array, seconds: float, errors: Array, rivals: dict[str, Array]
+) -> dict[str, object]:
+    below = {name: (errors <= rival) | np.isnan(rival) for name, rival in rivals.items()}
+    finite = np.isfinite(curves).all(axis=1)
+    return {
+        **dict(zip(("model", "constraint", "n_params", "method"), key, strict=True)),
+        "mean": float(np.nanmean(errors)),
+        "median": float(np.nanmedian(errors)),
+        "max": float(np.nanmax(errors)),
+        "below_debevec": int(below["Debevec"].sum()),
+        "below_robertson": int(below["Robertson"].sum()),
+        "below_both": int((below["Debevec"] & below["Robertson"]).sum()),
+        "monotone": float(1.0 - nonmonotone(curves[finite]).mean()),
+        "failed": float(1.0 - finite.mean()),
+        "seconds": seconds,
+    }

@@ -1,0 +1,153 @@
+"""The chart labeller: say where the colour chart lies in each photograph, by its four corners."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import anywidget
+import numpy as np
+import traitlets
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.curves import Array
+from crfbench.errors import FormatError, InputError, MissingDataError
+from crfbench.files import check_new
+from crfbench.widgets._labels_bridge import as_corners, load_labels, save_labels
+from crfbench.widgets.assets import join
+
+_MOST_PIXELS = 1200  # along the longer side of the picture that the page gets
+_JPEG_QUALITY = 90
+
+
+class ChartLabeller(anywidget.AnyWidget):
+    """Drag the four corners of a chart of 6 x 4 patches in one photograph after the other.
+
+    The patches are drawn in perspective and their means shown while you drag. The page gets one photograph at a time,
+    scaled to at most 1200 pixels, so large ones do not slow it down. A photograph counts as labelled once its corners
+    were moved, or copied from the one before.
+
+    Parameters
+    ----------
+    images : mapping of str to array or path
+        Photographs by name: uint8 red, green, blue, shape (h, w, 3), or an image file, upright as its EXIF says.
+
+    Raises
+    ------
+    InputError
+        For no image, or an array that is no photograph.
+    MissingDataError
+        For a path that leads nowhere.
+    FormatError
+        For a file that is no image.
+
+    Examples
+    --------
+    >>> labeller = ChartLabeller({"first": np.zeros((40, 60, 3), np.uint8), "second": np.zeros((40, 60, 3), np.uint8)})
+    >>> labeller.labels = {"first": [(0.1, 0.1), (0.9, 0.1), (0.9, 0.8), (0.1, 0.8)]}
+    >>> labeller
+    ChartLabeller(2 photographs, 1 labelled)
+    """
+
+    _esm = join("controls.js", "plot.js", "chart_grid.js", "chart_labeller.js")
+    _css = join("widgets.css", "chart_labeller.css")
+    #: Of the photographs; set once.
+    _names: traitlets.List[str] = traitlets.List().tag(sync=True)
+    #: Which photograph the page wants.
+    _index = traitlets.Int(0).tag(sync=True)
+    #: That photograph, replaced as a whole.
+    _picture = traitlets.Dict().tag(sync=True)
+    #: The labels as lists, by name; both sides replace it as a whole.
+    _labels = traitlets.Dict().tag(sync=True)
+
+    def __init__(self, images: Mapping[str, NDArray[np.uint8] | str | Path]) -> None:
+        if not images:
+            raise InputError("there are no images to label; use one or more")
+        for name, image in images.items():
+            _check_image(name, image)
+        super().__init__()
+        self._images = {str(name): image for name, image in images.items()}
+        self._names = list(self._images)
+        self._show()
+
+    def __repr__(self) -> str:
+        labelled = sum(name in self._labels for name in self._names)
+        return f"ChartLabeller({len(self._names)} photographs, {labelled} labelled)"
+
+    @property
+    def labels(self) -> dict[str, Array]:
+        """The labels by photograph, shape (4, 2): corners (x, y) as shares of width and height.
+
+        The outer corner of the dark skin patch comes first, then clockwise bluish green, black and white. Labels of
+        photographs that are not here are kept, so that saving loses none.
+        """
+        return {name: np.array(corners) for name, corners in self._labels.items()}
+
+    @labels.setter
+    def labels(self, labels: Mapping[str, ArrayLike]) -> None:
+        self._labels = {name: as_corners(name, corners).tolist() for name, corners in labels.items()}
+
+    def save(self, path: str | Path, overwrite: bool = False) -> None:
+        """Write the labels as JSON, complete or not at all.
+
+        Raises
+        ------
+        InputError
+            Where there is a file already and `overwrite` is false.
+        """
+        save_labels(check_new(path, overwrite), self.labels)
+
+    def load(self, path: str | Path) -> None:
+        """Replace the labels by those of a file that `save` wrote.
+
+        Raises
+        ------
+        MissingDataError
+            For a path that leads nowhere.
+        FormatError
+            For a file that holds no labels.
+        """
+        self.labels = load_labels(path)
+
+    @traitlets.observe("_index")
+    def _show(self, _change: object = None) -> None:
+        name = self._names[self._index]
+        self._picture = {"index": self._index, "name": name, **_pack(_pixels(name, self._images[name]))}
+
+
+def _check_image(name: object, image: object) -> None:
+    import cv2
+
+    if isinstance(image, str | Path):
+        if not Path(image).is_file():
+            raise MissingDataError(f"there is no file {image} for {name!r}; use the path of a photograph")
+        if not cv2.haveImageReader(str(image)):
+            raise FormatError(f"{image} is no image that OpenCV reads; use JPEG, PNG or TIFF")
+    elif not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        shape = f"{image.dtype} of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+        raise InputError(f"image {name!r} is {shape}; use uint8 of shape (h, w, 3), or a path")
+    elif not image.size:
+        raise InputError(f"image {name!r} has shape {image.shape}; use one with pixels")
+
+
+def _pixels(name: str, image: NDArray[np.uint8] | str | Path) -> NDArray[np.uint8]:
+    """Return blue, green, red, which is what OpenCV reads and writes."""
+    import cv2
+
+    if isinstance(image, np.ndarray):
+        return np.ascontiguousarray(image[..., ::-1])
+    pixels = cv2.imread(str(image), cv2.IMREAD_COLOR)
+    if pixels is None:
+        raise FormatError(f"{image}, the photograph {name!r}, is damaged; use another copy")
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def _pack(pixels: NDArray[np.uint8]) -> dict[str, Any]:
+    """Return the size of the photograph and a JPEG of it, scaled down where it is large."""
+    import cv2
+
+    height, width = pixels.shape[:2]
+    scale = min(1.0, _MOST_PIXELS / max(height, width))
+    size = (max(1, round(scale * width)), max(1, round(scale * height)))
+    small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else pixels
+    jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
+    return {"width": width, "height": height, "jpeg": jpeg.tobytes()}

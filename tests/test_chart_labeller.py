@@ -1,0 +1,151 @@
+"""The Python side of ChartLabeller; tests/test_browser drives it on a page."""
+
+import json
+from contextlib import suppress
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from crfbench.errors import FormatError, InputError, MissingDataError
+from crfbench.widgets import ChartLabeller
+from crfbench.widgets._labels_bridge import load_labels, save_labels
+
+CORNERS = np.array([(0.1, 0.2), (0.9, 0.15), (0.85, 0.8), (0.12, 0.75)])
+WIDE = np.random.default_rng(0).integers(256, size=(30, 50, 3), dtype=np.uint8)
+TALL = np.full((3000, 1500, 3), (200, 100, 50), np.uint8)
+
+
+@pytest.fixture
+def labeller():
+    return ChartLabeller({"wide": WIDE, "tall": TALL})
+
+
+def shown(labeller):
+    return cv2.imdecode(np.frombuffer(labeller._picture["jpeg"], np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+
+def test_the_page_gets_one_photograph_at_a_time_and_a_light_one(labeller):
+    assert {key: labeller._picture[key] for key in ("index", "name", "width", "height")} == {
+        "index": 0, "name": "wide", "width": 50, "height": 30,
+    }  # fmt: skip
+    assert shown(labeller).shape == (30, 50, 3)
+    labeller._index = 1
+    assert (labeller._picture["name"], labeller._picture["width"], labeller._picture["height"]) == ("tall", 1500, 3000)
+    assert shown(labeller).shape == (1200, 600, 3)
+    assert np.abs(shown(labeller).mean(axis=(0, 1)) - (200, 100, 50)).max() < 2, "red stays red"
+
+
+def test_files_are_shown_upright(tmp_path):
+    ok = cv2.imwrite(str(tmp_path / "a.png"), TALL[..., ::-1])
+    assert ok
+    labeller = ChartLabeller({"a": tmp_path / "a.png", "b": str(tmp_path / "a.png")})
+    assert np.abs(shown(labeller).mean(axis=(0, 1)) - (200, 100, 50)).max() < 2
+
+
+def test_labels_are_saved_and_read_into_another(labeller, tmp_path):
+    path = tmp_path / "labels.json"
+    labeller.labels = {"wide": CORNERS, "elsewhere": CORNERS[::-1]}
+    assert repr(labeller) == "ChartLabeller(2 photographs, 1 labelled)"
+    labeller.save(path)
+    content = json.loads(path.read_text())
+    assert content["version"] == 1
+    assert content["labels"][0] == {"photograph": "wide", "corners": CORNERS.tolist()}
+    fresh = ChartLabeller({"wide": WIDE})
+    assert fresh.labels == {}
+    fresh.load(path)
+    assert list(fresh.labels) == ["wide", "elsewhere"]
+    np.testing.assert_array_equal(fresh.labels["wide"], CORNERS)
+    with pytest.raises(InputError, match=r"labels\.json exists already"):
+        fresh.save(path)
+    fresh.labels = {}
+    fresh.save(path, overwrite=True)
+    assert load_labels(path) == {}
+
+
+def test_labels_given_out_are_copies(labeller):
+    labeller.labels = {"wide": CORNERS}
+    labeller.labels["wide"][:] = 0.0
+    np.testing.assert_array_equal(labeller.labels["wide"], CORNERS)
+
+
+@pytest.mark.parametrize("corners", [CORNERS[:3], CORNERS + 0.2, CORNERS * np.nan, "abcd", [[10**400] * 2] * 4])
+def test_labels_that_do_not_fit_change_nothing(labeller, corners):
+    labeller.labels = {"wide": CORNERS}
+    with pytest.raises(InputError, match="the corners of 'tall'"):
+        labeller.labels = {"tall": corners}
+    assert list(labeller.labels) == ["wide"]
+
+
+@pytest.mark.parametrize(
+    ("images", "error", "message"),
+    [
+        ({}, InputError, "no images to label"),
+        ({"a": WIDE[..., 0]}, InputError, r"image 'a' is uint8 of shape \(30, 50\)"),
+        ({"a": WIDE / 255}, InputError, "float64"),
+        ({"a": WIDE[:0]}, InputError, r"shape \(0, 50, 3\)"),
+        ({"a": 5}, InputError, "image 'a' is int"),
+        ({"a": "nowhere.png"}, MissingDataError, "no file nowhere.png for 'a'"),
+        ({"a": __file__}, FormatError, "no image that OpenCV reads"),
+    ],
+)
+def test_what_is_no_photograph(images, error, message):
+    with pytest.raises(error, match=message):
+        ChartLabeller(images)
+
+
+def test_front_end_needs_nothing_from_elsewhere():
+    assert "import " not in ChartLabeller._esm
+    assert "http" not in ChartLabeller._esm + ChartLabeller._css
+
+
+@given(st.dictionaries(st.text(max_size=8), arrays(np.float64, (4, 2), elements=st.floats(0, 1)), max_size=3))
+@settings(max_examples=30, deadline=None)
+def test_files_of_labels_keep_every_digit(tmp_path_factory, labels):
+    path = tmp_path_factory.mktemp("labels") / "a.json"
+    save_labels(path, labels)
+    found = load_labels(path)
+    assert list(found) == list(labels)
+    assert all(np.array_equal(found[name], labels[name]) for name in labels)
+
+
+ENTRY = {"photograph": "a", "corners": CORNERS.tolist()}
+plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=4)
+nested = st.recursive(
+    plain,
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from(["version", "labels", "photograph", "corners", "x"]), inner, max_size=4)
+    ),
+)
+
+
+@given(nested.map(json.dumps).map(str.encode) | st.binary(max_size=50))
+@settings(max_examples=100, deadline=None)
+def test_other_files_are_refused_in_one_way(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("labels") / "a.json"
+    path.write_bytes(data)
+    with suppress(FormatError):
+        assert load_labels(path) == {}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"version": 2, "labels": []}, "version 2 is not read; use 1"),
+        ({"version": 1, "labels": [ENTRY, ENTRY]}, "twice"),
+        ({"version": 1, "labels": [{**ENTRY, "corners": [[0, 2]] * 4}]}, "the corners of 'a' do not fit"),
+        ({"version": 1, "labels": [{**ENTRY, "photograph": 7}]}, "the photograph 7 has no name"),
+        ({"version": 1}, "'labels'"),
+    ],
+)
+def test_files_that_are_no_labels(content, message, labeller, tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=message):
+        labeller.load(path)
+    with pytest.raises(MissingDataError, match="no file"):
+        labeller.load(tmp_path / "b.json")
