@@ -1,7 +1,7 @@
 """From a click to the picture of a new calibration: CalibrationExplorer against `interact` with inline matplotlib.
 
-Both run in the same JupyterLab and the same real Chromium, one after the other; each click takes a patch out of the same
-calibration or puts it back. Run it with: python benchmarks/calibration_widget.py. The ratio is the claim; the
+Both run in the same JupyterLab and the same real Chromium, one after the other; each click takes a patch out of
+the same calibration or puts it back. Run it with: python benchmarks/calibration_widget.py. The ratio is the claim; the
 milliseconds are of this machine and this minute. A click begins at the release of the button; see slider.py.
 """
 

@@ -3,30 +3,21 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import anywidget
 import numpy as np
 import traitlets
 
 from crfbench.calibration import Calibration, Observations, Table, calibrate, decode_table
-from crfbench.curves import Array, evaluate
-from crfbench.datasets.middlebury import (
-    EXPOSURES,
-    ILLUMINATIONS,
-    N_PATCHES,
-    REFERENCE_IRRADIANCE,
-    load_patches,
-    patch_intensity,
-)
+from crfbench.curves import Array
+from crfbench.datasets.middlebury import ILLUMINATIONS, N_PATCHES, REFERENCE_IRRADIANCE, load_patches, patch_arrays
 from crfbench.errors import InputError
-from crfbench.metrics import rmse
 from crfbench.models import ResponseModel
 from crfbench.models.ready import load_model
+from crfbench.tables.calibration import THREE_GREYS, held_out_rmse
+from crfbench.tables.stability import ORDER
 from crfbench.widgets.assets import join
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: What calibrates; each can be chosen.
 MODELS = {
@@ -52,13 +43,12 @@ _METHODS = {
     "paper": "paper (Adam; takes seconds)",
 }
 _SHORTCUTS = {
-    "3 greys": (19, 21, 24),
-    "6 greys": tuple(range(19, 25)),
-    "12 patches": (*range(1, 19, 3), *range(19, 25)),  # every third colour, and the greys
-    "all 24": tuple(range(1, N_PATCHES + 1)),
+    "3 greys": THREE_GREYS,
+    "6 greys": ORDER[:6],
+    "12 patches": ORDER[:12],
+    "all 24": ORDER,
 }
-_CLIPPED = 0.02  # share of a patch's pixels from which its mean says too little
-_CHART = 3  # the exposure whose colours the chart has: neither dim nor burnt
+_CHART = 2  # the photograph whose colours the chart has: the third, neither dim nor burnt
 _STRIDE = 3  # 1023 = 3 * 341, so that every third sample includes both ends
 _T = TypeVar("_T")
 _FREE_NAMES = {"Gamma": "log gamma"}  # where the prior is not over the parameter itself
@@ -72,41 +62,7 @@ class _State:
     illumination: int = 1
     method: str = "posterior"
     model: str = "SLR-ldl(1)"
-    patches: tuple[int, ...] = _SHORTCUTS["3 greys"]
-
-
-@dataclass(frozen=True)
-class _Photographs:
-    """The four photographs of one camera under one illumination.
-
-    Parameters
-    ----------
-    rgb : ndarray, shape (4, 24, 3)
-        Mean brightness of each patch in the JPEG.
-    clipped : ndarray of bool, shape (4, 24)
-    jpeg, raw : ndarray, shape (96,)
-        Intensities.
-    """
-
-    rgb: Array
-    clipped: np.ndarray
-    jpeg: Array
-    raw: Array
-
-    @classmethod
-    def of(cls, rows: "pd.DataFrame") -> Self:
-        """Take the rows of one camera and illumination."""
-        shape = (len(EXPOSURES), N_PATCHES)
-        rgb = rows[["jpeg_r", "jpeg_g", "jpeg_b"]].to_numpy().reshape(*shape, 3)
-        clipped = (rows["jpeg_clipped"].to_numpy() >= _CLIPPED).reshape(shape)
-        return cls(rgb, clipped, rows["jpeg"].to_numpy(), rows["raw"].to_numpy())
-
-    def observe(self, patches: tuple[int, ...]) -> Observations:
-        """Return what the patches of those numbers, from 1, tell."""
-        if not patches:
-            raise InputError("no patch is chosen; choose 2 or more")
-        seen = Observations.from_rgb(self.rgb, REFERENCE_IRRADIANCE, clipped=self.clipped)
-        return seen.take([patch - 1 for patch in patches])
+    patches: tuple[int, ...] = THREE_GREYS
 
 
 class CalibrationExplorer(anywidget.AnyWidget):
@@ -135,14 +91,12 @@ class CalibrationExplorer(anywidget.AnyWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        groups = patch_intensity(load_patches()).groupby(["camera", "illumination"])
-        self._photographs = {key: _Photographs.of(rows) for key, rows in groups}
-        self._cameras = sorted({camera for camera, _ in self._photographs})
+        self._chart = patch_arrays(load_patches())
         self._request = ""
         self._shown: dict[str, Any] = {}
-        self._choices = _choices(self._cameras)
+        self._choices = _choices(self._chart.cameras)
         self.on_msg(self._receive)
-        self._change(_State(self._cameras[0]))
+        self._change(_State(self._chart.cameras[0]))
 
     def __repr__(self) -> str:
         state = self._state
@@ -156,7 +110,7 @@ class CalibrationExplorer(anywidget.AnyWidget):
 
     @camera.setter
     def camera(self, camera: str) -> None:
-        self._change(replace(self._state, camera=_one_of("camera", camera, self._cameras)))
+        self._change(replace(self._state, camera=_one_of("camera", camera, self._chart.cameras)))
 
     @property
     def illumination(self) -> int:
@@ -241,27 +195,34 @@ class CalibrationExplorer(anywidget.AnyWidget):
         return {"label": label, "rmse": self._judge(self._result), **_show(self._result, _table(self.model))}
 
     def _calibrate(self) -> Calibration:
-        state = self._state
-        seen = self._photographs[state.camera, state.illumination].observe(state.patches)
-        return calibrate(_model(state.model), seen, state.method, table=_table(state.model))
+        at, chosen = self._at(), self.patches
+        if not chosen:
+            raise InputError("no patch is chosen; choose 2 or more")
+        seen = Observations.from_rgb(self._chart.jpeg[at], REFERENCE_IRRADIANCE, clipped=self._chart.clipped[at])
+        kept = seen.take([patch - 1 for patch in chosen])
+        return calibrate(_model(self.model), kept, self.method, table=_table(self.model))
 
-    def _held_out(self) -> _Photographs:
-        """Return the photographs under the other illumination."""
-        return self._photographs[self._state.camera, sum(ILLUMINATIONS) - self._state.illumination]
+    def _at(self, held_out: bool = False) -> tuple[int, int]:
+        """Return where the arrays hold the photographs that calibrate, or those that judge."""
+        illumination = ILLUMINATIONS.index(self.illumination)
+        return self._chart.cameras.index(self.camera), 1 - illumination if held_out else illumination
+
+    def _held_out(self) -> Array:
+        """Return brightness and irradiance of all patches under the other illumination, shape (2, 96)."""
+        at = self._at(held_out=True)
+        return np.stack([kind[at].mean(axis=-1).ravel() for kind in (self._chart.jpeg, self._chart.raw)])
 
     def _judge(self, result: Calibration) -> float:
-        held_out = self._held_out()
-        return float(rmse(evaluate(result.curves, held_out.jpeg[None])[0], held_out.raw))
+        jpeg, raw = self._held_out()
+        return float(held_out_rmse(result.curves, jpeg[None], raw[None])[0])
 
     def _draw(self) -> None:
-        state, held_out = self._state, self._held_out()
-        colours = self._photographs[state.camera, state.illumination].rgb[_CHART - 1]
         self._scene = {
             "answered": self._request,
-            **vars(state),
+            **vars(self._state),
             "error": self._error,
-            "colours": np.round(255 * colours).astype(np.uint8).tobytes(),
-            "truth": _float32(np.stack([held_out.jpeg, held_out.raw])),
+            "colours": np.round(255 * self._chart.jpeg[self._at()][_CHART]).astype(np.uint8).tobytes(),
+            "truth": _float32(self._held_out()),
             "shown": self._shown,
         }
 
@@ -281,7 +242,7 @@ def _methods(model: str) -> list[str]:
     return ["posterior", "map", "grid" if MODELS[model][1] == 1 else "lm", "paper"]
 
 
-def _choices(cameras: list[str]) -> dict[str, object]:
+def _choices(cameras: tuple[str, ...]) -> dict[str, object]:
     return {
         "cameras": cameras,
         "illuminations": list(ILLUMINATIONS),

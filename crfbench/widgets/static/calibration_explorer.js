@@ -140,6 +140,8 @@ class Chart {
   }
 
   paint(bytes) {
+    if (String(bytes) === this.painted) return;
+    this.painted = String(bytes);
     this.buttons.forEach((node, i) => {
       const [r, g, b] = bytes.subarray(3 * i, 3 * i + 3);
       node.style.setProperty("--crf-patch", `rgb(${r}, ${g}, ${b})`);
