@@ -36,11 +36,11 @@ MODELS = {
     )
 }
 _METHODS = {
-    "posterior": "posterior (mean and bands)",
+    "posterior": "posterior (with bands)",
     "map": "map (most probable)",
-    "grid": "grid (least loss of the paper)",
-    "lm": "lm (least loss of the paper)",
-    "paper": "paper (Adam; takes seconds)",
+    "grid": "grid (least loss)",
+    "lm": "lm (least loss)",
+    "paper": "paper (takes seconds)",
 }
 _SHORTCUTS = {
     "3 greys": THREE_GREYS,
