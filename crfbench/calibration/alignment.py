@@ -10,7 +10,7 @@ import numpy as np
 
 from crfbench.calibration.looked_up import looked_up
 from crfbench.calibration.observations import Observations
-from crfbench.calibration.table import Table
+from crfbench.calibration.table import Table, in_parts
 from crfbench.curves import Array
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
@@ -47,16 +47,22 @@ class AlignedLoss:
 
     def on_table(self, table: Table) -> Array:
         """Return the loss of every row of a table, shape (n, t), in single precision."""
-        g = table.at(self.brightness)
-        w = self.weights.astype(np.float32)
-        moments = np.stack([w * self.reference.astype(np.float32), w], axis=2) @ g
-        g *= g
-        square = (w[:, :, None] @ g)[:, :, 0]
+        n, e, p = self.brightness.shape
+        return np.concatenate([self._on_table(table, rows) for rows in in_parts(n, e * p * len(table.free))])
+
+    def _on_table(self, table: Table, rows: slice) -> Array:
+        g = table.at(self.brightness[rows])
+        w = self.weights[rows].astype(np.float32)[:, :, None]
         if self.offset:
-            square -= moments[:, :, 1] ** 2
-        gained = moments[:, :, 0] ** 2 / np.maximum(square, 1e-9)
-        mse = np.maximum(self.power[..., None].astype(np.float32) - gained, 0.0)
-        return np.sqrt(np.einsum("net,net->nt", mse, mse))
+            g -= w @ g  # first, because single precision loses the difference of two mean squares
+        reference, power = self.reference[rows], self.power[rows]
+        unit = np.sqrt(power.max(axis=1))  # so that the reference's own unit never leaves single precision
+        unit[unit == 0] = 1.0
+        along = (w * (reference / unit[:, None, None]).astype(np.float32)[:, :, None]) @ g
+        g *= g
+        gained = (along**2 / np.maximum(w @ g, _TINY))[:, :, 0]
+        mse = np.maximum((power / unit[:, None] ** 2).astype(np.float32)[..., None] - gained, 0.0)
+        return unit[:, None] ** 2 * np.sqrt(np.einsum("net,net->nt", mse, mse))
 
     def evaluate(self, model: ResponseModel, free: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
         """Return the MSE of each photograph (m, e), its gradient (m, e, k), and half its Gauss-Newton Hessian."""

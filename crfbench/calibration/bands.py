@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crfbench.calibration.posterior import Posterior
-from crfbench.calibration.table import Table, band_samples, learned_prior
+from crfbench.calibration.table import Table, band_samples, in_parts, learned_prior
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.models import ResponseModel
 
@@ -43,19 +43,22 @@ class Belief:
 
     def quantiles(self, levels: tuple[float, ...]) -> list[Array]:
         """Return for each level the curves (n, 1024) that this share of the weight lies at or below."""
-        samples = band_samples()
-        cumulative = np.cumsum(np.take_along_axis(self.weights[:, None], self.order, axis=2), axis=2)
-        values = np.swapaxes(self.curves[:, :, samples], 1, 2)
-        return [self._interpolate(values, np.argmax(cumulative >= level, axis=2)) for level in levels]
-
-    def _interpolate(self, values: np.ndarray, rank: np.ndarray) -> Array:
-        """Turn ranks (n, 129) into curves (n, 1024)."""
-        row = np.take_along_axis(np.broadcast_to(self.order, (len(rank), *self.order.shape[1:])), rank[..., None], 2)
-        picked = np.take_along_axis(np.broadcast_to(values, (len(rank), *values.shape[1:])), row, 2)[..., 0]
+        parts = in_parts(len(self.weights), self.order[0].size)
+        ends = np.concatenate([self._quantiles(rows, levels) for rows in parts])
         x = GRID[band_samples()]
         left = np.clip(np.searchsorted(x, GRID, side="right") - 1, 0, len(x) - 2)
         share = (GRID - x[left]) / (x[left + 1] - x[left])
-        return np.asarray(picked[:, left] * (1 - share) + picked[:, left + 1] * share, dtype=np.float64)
+        return list(np.moveaxis(ends[..., left] * (1 - share) + ends[..., left + 1] * share, 1, 0))
+
+    def _quantiles(self, rows: slice, levels: tuple[float, ...]) -> Array:
+        """Return the quantiles of some sets at the samples of `band_samples`, shape (m, levels, 129)."""
+        own = slice(None) if len(self.order) == 1 else rows
+        order = self.order[own]
+        share = np.take_along_axis(self.weights[rows, None], order, axis=2)
+        values = np.take_along_axis(np.swapaxes(self.curves[own][:, :, band_samples()], 1, 2), order, axis=2)
+        values = np.broadcast_to(values, share.shape)
+        middle = np.cumsum(share, axis=2) - 0.5 * share  # a row stands for the curves up to halfway to its neighbours
+        return np.stack([_at_level(middle, values, level) for level in levels], axis=1)
 
 
 def exact_belief(table: Table, log_likelihood: Array) -> Belief:
@@ -69,6 +72,7 @@ def drawn_belief(posterior: Posterior, model: ResponseModel, best: Array, seed: 
     n, k = best.shape
     prior = learned_prior(model)
     curved = posterior.objective(model, np.arange(n))(best, np.arange(n))[1]
+    curved += 1e-9 * curved * np.eye(k)  # very sharp likelihoods come out singular by rounding
     root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(curved)), 1, 2) * _WIDER
     normal = np.random.default_rng(seed).normal(size=(n, _DRAWS, k))
     free = best[:, None] + normal @ np.swapaxes(root, 1, 2)
@@ -81,6 +85,18 @@ def drawn_belief(posterior: Posterior, model: ResponseModel, best: Array, seed: 
     weights, evidence = _normalised(posterior.log_likelihood(irradiance) + prior_at + drawn_at - np.log(_DRAWS))
     order = np.argsort(np.swapaxes(curves[:, :, band_samples()], 1, 2), axis=2)
     return Belief(free, curves, order, weights, evidence)
+
+
+def _at_level(rising: Array, values: np.ndarray, level: float) -> Array:
+    """Return the values (..., t) where `rising` (..., t) reaches a level, linear between rows; shape (...)."""
+    above = np.minimum((rising < level).sum(axis=-1, keepdims=True), rising.shape[-1] - 1)
+    below = np.maximum(above - 1, 0)
+    (low, high), (left, right) = (
+        [np.take_along_axis(each, row, axis=-1)[..., 0].astype(np.float64) for row in (below, above)]
+        for each in (rising, values)
+    )
+    share = np.clip((level - low) / np.maximum(high - low, 1e-300), 0.0, 1.0)
+    return np.asarray(left + share * (right - left))
 
 
 def _normalised(log_weights: Array) -> tuple[Array, Array]:

@@ -63,10 +63,11 @@ def calibrate(
     Raises
     ------
     InputError
-        For a model of the other direction or without a prior, and for an unknown method or one that does not fit
-        the model or the observations.
+        For a model of the other direction or without a prior, a table of another model, and for an unknown method or
+        one that does not fit the model or the observations.
     """
     _check(model, method)
+    _check_table(model, table)
     began = time.perf_counter()
     noise = noise or Noise()
     scale = belief = None
@@ -76,7 +77,7 @@ def calibrate(
         free = minimise(AlignedLoss(observations, offset), model, table or decode_table(model, seed=seed))
     else:
         posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
-        logs = posterior.log_likelihood(table.at(observations.brightness))
+        logs = posterior.log_likelihood_on(table)
         free = minimise(posterior, model, table, -(logs + table.log_prior))
         scale = posterior.noise_scale(model, free)
         if method == "posterior":
@@ -92,6 +93,14 @@ def _check(model: ResponseModel, method: str) -> None:
         raise InputError(f"{model!r} maps irradiance to brightness; calibrate with a model of direction 'inverse'")
     if method == "grid" and model.n_params > 1:
         raise InputError(f"{model!r} has {model.n_params} parameters and 'grid' takes one; use 'lm'")
+
+
+def _check_table(model: ResponseModel, table: Table | None) -> None:
+    """Refuse a table of another model, which would give wrong curves without a word."""
+    if table is not None:
+        fits = table.params.shape[1] == model.n_params
+        if not (fits and np.allclose(table.curves[:1], model.decode_float32(table.params[:1]), atol=1e-4)):
+            raise InputError(f"the table was not decoded from {model!r}; use decode_table(model)")
 
 
 def _result(
@@ -193,4 +202,4 @@ def _falling(observations: Observations) -> np.ndarray:
         x - (w * x).sum(axis=2, keepdims=True) / total
         for x in (observations.brightness, np.log(observations.reference)[:, None])
     )
-    return np.asarray((w * b * r).sum(axis=(1, 2)) < 0)
+    return np.asarray((w * b * r).sum(axis=(1, 2)) < -1e-12 * w.sum(axis=(1, 2)))

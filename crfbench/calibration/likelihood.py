@@ -23,6 +23,8 @@ DARKEST = 1e-4
 
 _GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical response
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
+_LEAST = 1e-6  # standard deviation; sums over known and unknown lose no digits that count
+_SHARPEST = 1e8  # precision of one log irradiance, for the same reason
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class Noise:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"noise {name}={value!r} does not fit; use a number above 0")
+            if not _LEAST <= value <= 1 / _LEAST:  # False for NaN
+                raise InputError(f"noise {name}={value!r} does not fit; use a number from {_LEAST:g} to {1 / _LEAST:g}")
 
     def relative(self, brightness: Array) -> Array:
         """Return the relative standard deviation of the irradiance that the brightness of a patch tells."""
@@ -70,22 +72,24 @@ class Likelihood:
         self.noise = noise
         counts = observations.counts
         self.variance = noise.relative(observations.brightness) ** 2
-        self.precision = counts * observations.weights / self.variance
-        self.error = _UNKNOWN if observations.reference is None else observations.reference_error
+        self.precision = counts * np.minimum(observations.weights / self.variance, _SHARPEST)
+        known = observations.reference is not None
+        self.error = np.clip(observations.reference_error, _LEAST, _UNKNOWN) if known else _UNKNOWN
         self.offset = _offset(observations)
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
-        known = observations.exposures is not None
-        self._inverse = np.linalg.inv(self._exposure_precision(noise.exposure * np.log(2) if known else _UNKNOWN))
+        sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
+        e = self.precision.shape[1]
+        # Only the differences of the exposures are known to `sigma`.
+        self._prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
+        self._inverse = np.linalg.inv(self._exposure_precision() + self._prior)
         self.freedom = self._degrees(observations, counts)
         self.clip = self._clip(observations)
 
-    def _exposure_precision(self, sigma: float) -> Array:
-        """Return the precision of the exposures, (n, e, e), given that only their differences are known to `sigma`."""
-        e = self.precision.shape[1]
+    def _exposure_precision(self) -> Array:
+        """Return the precision of the exposures that the data give, (n, e, e)."""
         weighted = self.precision * self._share[:, None]
-        data = np.eye(e) * self.precision.sum(axis=2)[:, None] - weighted @ np.swapaxes(self.precision, 1, 2)
-        differences = (np.eye(e) - 1.0 / e) / sigma**2
-        return data + differences + np.eye(e) / _UNKNOWN**2
+        own = np.eye(weighted.shape[1]) * self.precision.sum(axis=2)[:, None]
+        return np.asarray(own - weighted @ np.swapaxes(self.precision, 1, 2))
 
     def _degrees(self, observations: Observations, counts: np.ndarray) -> Array:
         """Count the observations beyond those that the eliminated unknowns take up; at least 1."""
@@ -121,14 +125,18 @@ class Likelihood:
         total -= np.einsum("npk,np,npk->nk", by_patch, self._share[rows], by_patch)
         h = weighted.sum(axis=2) - w @ (self._share[rows][..., None] * by_patch)
         exposures = self._inverse[rows] @ h
-        return total - np.einsum("nek,nek->nk", h, exposures), exposures
+        return np.maximum(total - np.einsum("nek,nek->nk", h, exposures), 0.0), exposures
 
-    def project(self, d: Array, rows: np.ndarray | slice) -> Array:
-        """Return M d, shape (m, e, p, k)."""
-        w, share = self.precision[rows][..., None], self._share[rows][:, None, :, None]
+    def project(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
+        """Return M d, shape (m, e, p, k), and d^T M d, shape (m, k, k), positive whatever the rounding."""
+        w = self.precision[rows][..., None]
         exposures = self.squares(d, rows)[1]
-        rest = w * (d - exposures[:, :, None])
-        return rest - w * share * rest.sum(axis=1, keepdims=True)
+        rest = d - exposures[:, :, None]
+        errors = self._share[rows][..., None] * (w * rest).sum(axis=1)
+        rest -= errors[:, None]
+        eliminated = errors / np.broadcast_to(self.error, self._share.shape)[rows][..., None]
+        product = np.einsum("mepi,mepj->mij", w * rest, rest) + np.swapaxes(eliminated, 1, 2) @ eliminated
+        return w * rest, product + np.swapaxes(exposures, 1, 2) @ self._prior @ exposures
 
     def margins(self, d: Array, exposures: Array, rows: np.ndarray | slice) -> tuple[np.ndarray, Array]:
         """Return by how many standard deviations each clipped patch lies beyond its brightness.
@@ -146,10 +154,14 @@ class Likelihood:
 
 
 def _offset(observations: Observations) -> Array:
-    """Return the log irradiance that reference and exposure tell, up to a constant, shape (n, e, p)."""
+    """Return the log irradiance that reference and exposure tell, shape (n, e, p), less its mean over the counted.
+
+    Without the mean, nothing depends on the unit of the reference or the zero of the exposures.
+    """
     offset = np.zeros(observations.brightness.shape)
     if observations.reference is not None:
         offset += np.log(observations.reference)[:, None, :]
     if observations.exposures is not None:
         offset += np.log(2.0) * observations.exposures[:, :, None]
-    return offset
+    counts = observations.counts
+    return offset - (counts * offset).sum(axis=(1, 2), keepdims=True) / counts.sum(axis=(1, 2), keepdims=True)

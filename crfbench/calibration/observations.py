@@ -16,6 +16,9 @@ SATURATED = 254 / 255
 REFERENCE_ERROR = 0.05
 
 _GAMMA = 2.2  # of a typical response; tells how an uneven colour shifts a mean of brightnesses
+_MOST = 1e6  # observations that one patch may count for
+_EXTREME = 1e30  # beyond, the fourth power of a reference leaves floating point
+_STOPS = 100.0  # from the least to the greatest exposure
 
 
 class Observations:
@@ -64,11 +67,11 @@ class Observations:
         beyond = (b <= 0) | (b >= SATURATED) if clipped is None else np.asarray(clipped, dtype=bool)
         self.clipped: NDArray[np.bool_] = _fit("clipped", beyond, (n, e, p))
         self.weights: Array = _fit("weights", _finite("weights", 1.0 if weights is None else weights), (n, e, p))
-        if self.weights.min() < 0:
-            raise InputError(f"weights go down to {self.weights.min():g}; use 0 or more")
+        if self.weights.min() < 0 or self.weights.max() > _MOST:
+            raise InputError(f"weights run from {self.weights.min():g} to {self.weights.max():g}; use 0 to {_MOST:g}")
         self.reference = None if reference is None else _positive("reference", reference, (n, p))
         self.reference_error = _positive("reference_error", reference_error, (n, p))
-        self.exposures = None if exposures is None else _fit("exposures", _finite("exposures", exposures), (n, e))
+        self.exposures = None if exposures is None else _stops(exposures, (n, e))
         self._check_information()
 
     def __len__(self) -> int:
@@ -150,9 +153,17 @@ def _finite(name: str, values: ArrayLike) -> Array:
 
 def _positive(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     array = _finite(name, values)
-    if array.size and array.min() <= 0:
-        raise InputError(f"{name} goes down to {array.min():g}; use values above 0")
+    if array.size and not 1 / _EXTREME <= array.min() <= array.max() <= _EXTREME:
+        low, high = array.min(), array.max()
+        raise InputError(f"{name} runs from {low:g} to {high:g}; use values above 0, {1 / _EXTREME:g} to {_EXTREME:g}")
     return _fit(name, array, shape)
+
+
+def _stops(values: ArrayLike, shape: tuple[int, int]) -> Array:
+    array = _finite("exposures", values)
+    if array.size and np.ptp(array) > _STOPS:
+        raise InputError(f"exposures span {np.ptp(array):g} stops; use stops, the base-2 logarithm of exposure")
+    return _fit("exposures", array, shape)
 
 
 def _fit(name: str, array: NDArray, shape: tuple[int, ...]) -> NDArray:

@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 
 from crfbench.calibration.alignment import AlignedLoss
-from crfbench.calibration.table import Table
-from crfbench.curves import Array
+from crfbench.calibration.table import Table, in_parts
+from crfbench.curves import N_SAMPLES, Array
 from crfbench.models import ResponseModel
 from crfbench.numerics import Objective, levenberg_marquardt
 
@@ -58,7 +58,7 @@ def _valleys(values: Array) -> tuple[np.ndarray, np.ndarray]:
 
 def _best(values: Array) -> tuple[np.ndarray, np.ndarray]:
     """Return sets and rows of the `N_STARTS` lowest values of each set."""
-    rows = np.argpartition(values, N_STARTS, axis=1)[:, :N_STARTS]
+    rows = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
     return np.repeat(np.arange(len(values)), N_STARTS), rows.ravel()
 
 
@@ -79,8 +79,19 @@ def descend(
     ----------
     Kingma and Ba 2015, arXiv:1412.6980.
     """
-    free = np.random.default_rng(seed).normal(size=(n * starts, model.n_params))
-    owner = np.repeat(np.arange(n), starts)
+    drawn = np.random.default_rng(seed).normal(size=(n, starts, model.n_params))
+    return np.concatenate(
+        [
+            _adam(loss, model, drawn[rows], np.arange(n)[rows], steps, rate)
+            for rows in in_parts(n, 4 * starts * N_SAMPLES)
+        ]
+    )
+
+
+def _adam(loss: AlignedLoss, model: ResponseModel, drawn: Array, sets: np.ndarray, steps: int, rate: float) -> Array:
+    """Run all starts (m, s, k) of some sets of observations and return the best ends (m, k)."""
+    m, starts, k = drawn.shape
+    free, owner = drawn.reshape(-1, k).copy(), np.repeat(sets, starts)
     first, second = np.zeros_like(free), np.zeros_like(free)
     value = np.full(len(free), np.inf)
     active = np.arange(len(free))
@@ -95,8 +106,8 @@ def descend(
         second[active] = 0.999 * second[active] + 0.001 * gradient**2
         unbiased = first[active] / (1 - 0.9**step), second[active] / (1 - 0.999**step)
         free[active] -= rate * unbiased[0] / (np.sqrt(unbiased[1]) + 1e-8)
-    best = np.argmin(_loss_and_gradient(loss, model, free, owner)[0].reshape(n, starts), axis=1)
-    return free.reshape(n, starts, -1)[np.arange(n), best]
+    best = np.argmin(_loss_and_gradient(loss, model, free, owner)[0].reshape(m, starts), axis=1)
+    return free.reshape(m, starts, k)[np.arange(m), best]
 
 
 def _loss_and_gradient(loss: AlignedLoss, model: ResponseModel, free: Array, rows: np.ndarray) -> tuple[Array, Array]:

@@ -6,8 +6,8 @@ from scipy.special import log_ndtr
 from crfbench.calibration.likelihood import DARKEST, Likelihood, Noise
 from crfbench.calibration.looked_up import looked_up
 from crfbench.calibration.observations import Observations
-from crfbench.calibration.table import Table, learned_prior
-from crfbench.curves import Array
+from crfbench.calibration.table import Table, in_parts, learned_prior
+from crfbench.curves import Array, evaluate
 from crfbench.models import ResponseModel
 from crfbench.numerics import Objective
 
@@ -33,18 +33,24 @@ class Posterior:
         self.likelihood, self.noise = Likelihood(observations, noise), noise
         self.power = noise.independent * self.likelihood.freedom + noise.freedom
 
-    def log_likelihood(self, irradiance: np.ndarray) -> Array:
-        """Return the log likelihood (n, t) of decoded irradiances (n, e, p, t), as a table looks them up."""
-        d = self.likelihood.residual(irradiance, _EVERY)
-        squares, exposures = self.likelihood.squares(d, _EVERY)
-        logs = -0.5 * self.power[:, None] * np.log1p(self._scaled(squares))
-        owner, margin = self.likelihood.margins(d, exposures, _EVERY)
+    def log_likelihood(self, irradiance: np.ndarray, rows: slice = _EVERY) -> Array:
+        """Return the log likelihood (m, t) of decoded irradiances (m, e, p, t) of some sets of observations."""
+        d = self.likelihood.residual(irradiance, rows)
+        squares, exposures = self.likelihood.squares(d, rows)
+        logs = -0.5 * self.power[rows, None] * np.log1p(self._scaled(squares))
+        owner, margin = self.likelihood.margins(d, exposures, rows)
         np.add.at(logs, owner, self.noise.independent * log_ndtr(margin))
         return logs
 
+    def log_likelihood_on(self, table: Table) -> Array:
+        """Return the log likelihood of every row of a table, shape (n, t)."""
+        n, e, p = self.brightness.shape
+        parts = in_parts(n, e * p * len(table.free))
+        return np.concatenate([self.log_likelihood(table.at(self.brightness[rows]), rows) for rows in parts])
+
     def on_table(self, table: Table) -> Array:
         """Return minus the log posterior of every row of a table, shape (n, t), up to a constant."""
-        return -(self.log_likelihood(table.at(self.brightness)) + table.log_prior)
+        return -(self.log_likelihood_on(table) + table.log_prior)
 
     def objective(self, model: ResponseModel, owner: np.ndarray) -> Objective:
         """Return minus twice the log posterior for `levenberg_marquardt`."""
@@ -61,7 +67,8 @@ class Posterior:
 
     def noise_scale(self, model: ResponseModel, free: Array) -> Array:
         """Return by which factor the data scale the stated noise, shape (n,), given free parameters (n, k)."""
-        g, _ = looked_up(model, free, self.brightness)
+        g = evaluate(model.decode(model.from_free(free)), self.brightness.reshape(len(free), -1))
+        g = g.reshape(self.brightness.shape)
         squares, _ = self.likelihood.squares(self.likelihood.residual(g[..., None], _EVERY), _EVERY)
         freedom = self.noise.independent * self.likelihood.freedom
         expected = self.noise.freedom + self.noise.independent * squares[:, 0]
@@ -75,12 +82,12 @@ class Posterior:
         g, slope = looked_up(model, free, self.brightness[rows])
         slope = np.where(g[..., None] > DARKEST, slope / np.maximum(g, DARKEST)[..., None], 0.0)
         d = self.likelihood.residual(g[..., None], rows)
-        projected = self.likelihood.project(slope, rows)
+        projected, product = self.likelihood.project(slope, rows)
         squares, exposures = self.likelihood.squares(d, rows)
         share = (
             self.power[rows] * self.noise.independent / (self.noise.freedom + self.noise.independent * squares[:, 0])
         )
-        curved = share[:, None, None] * np.einsum("mepi,mepj->mij", slope, projected)
+        curved = share[:, None, None] * product
         gradient = share[:, None] * np.einsum("mepk,mep->mk", projected, d[..., 0])
         value = self.power[rows] * np.log1p(self._scaled(squares[:, 0]))
         return self._add_censored((value, curved, gradient), d, exposures, slope, rows)
@@ -97,6 +104,6 @@ class Posterior:
             share = self.noise.independent
             np.add.at(value, owner, -2.0 * share * log_ndtr(u))
             np.add.at(gradient, owner, -share * mills[:, None] * along)
-            bend = share * mills * (mills + u)
+            bend = share * mills * np.maximum(mills + u, 0.0)  # far out, rounding could turn its sign
             np.add.at(curved, owner, bend[:, None, None] * along[:, :, None] * along[:, None, :])
         return value, curved, gradient

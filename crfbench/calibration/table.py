@@ -1,5 +1,6 @@
 """A dense table of decoded curves: for one parameter it holds every curve that the model can make."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +14,9 @@ from crfbench.models.base import Prior
 
 ONE_PARAMETER, MORE_PARAMETERS = 512, 1024
 _REACH = 5.0  # standard deviations of the prior, and the least reach of a free parameter
+_FEWEST = 16  # rows
 _BAND_STEP = 8  # bands are computed at every eighth sample
+_CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,12 @@ class Table:
         return low
 
 
+def in_parts(n: int, cells: int) -> Iterator[slice]:
+    """Split `n` sets of observations that need `cells` numbers each into parts that stay in the processor's cache."""
+    size = max(1, _CELLS // max(cells, 1))
+    return (slice(first, min(first + size, n)) for first in range(0, n, size))
+
+
 def band_samples() -> np.ndarray:
     """Return the indices of the samples at which bands are computed: every eighth and the last."""
     return np.append(np.arange(0, N_SAMPLES, _BAND_STEP), N_SAMPLES - 1)
@@ -88,9 +97,11 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
     Raises
     ------
     InputError
-        When the model has no prior.
+        When the model has no prior, or for too few rows.
     """
     prior = learned_prior(model)
+    if rows is not None and rows < _FEWEST:
+        raise InputError(f"rows={rows} make no table; use {_FEWEST} or more")
     if model.n_params == 1:
         mean, sd = prior.mean[0], np.sqrt(prior.covariance[0, 0])
         reach = max(_REACH * sd, _REACH)

@@ -34,7 +34,7 @@ ROWS = (
 )
 DEFINITION = (
     "total variance: the variance of four inverse responses (divided by 4), from 3, 6, 12 and 24 patches of all eight "
-    f"photographs, summed over 1024 samples; the stated subsets take patches in the order {', '.join(map(str, ORDER))}; "
+    f"photographs, summed over 1024 samples; stated subsets take patches in the order {', '.join(map(str, ORDER))}; "
     "random subsets are nested too, each for one of the cameras in turn, patches that a camera always clips last"
 )
 

@@ -9,10 +9,11 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.charts import load_labels, save_labels
+from crfbench.charts.geometry import as_corners
 from crfbench.curves import Array
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import check_new
-from crfbench.widgets._labels_bridge import as_corners, load_labels, save_labels
 from crfbench.widgets.assets import join
 
 _MOST_PIXELS = 1200  # along the longer side of the picture that the page gets
@@ -84,7 +85,7 @@ class ChartLabeller(anywidget.AnyWidget):
 
     @labels.setter
     def labels(self, labels: Mapping[str, ArrayLike]) -> None:
-        self._labels = {name: as_corners(name, corners).tolist() for name, corners in labels.items()}
+        self._labels = {name: as_corners(corners).tolist() for name, corners in labels.items()}
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
         """Write the labels as JSON, complete or not at all.

@@ -1,0 +1,69 @@
+"""Damaged photographs: whatever the bytes, one file gives pixels or one FormatError, and the next file is read."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from crfbench.charts import SafeReader, read_exif, read_image, read_raw
+from crfbench.curves import GRID
+from crfbench.datasets import registry
+from crfbench.errors import FormatError
+from crfbench.synthetic import render_chart, write_pair
+
+N_FILES = 100
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("originals")
+    scene = render_chart(GRID, size=(64, 48))
+    paths = [*write_pair(folder, "a", scene), folder / "a.png", folder / "a.tif"]
+    cv2.imwrite(str(paths[2]), scene.jpeg)
+    cv2.imwrite(str(paths[3]), (scene.raw * 65535).astype(np.uint16))
+    if real := registry.find("raw/RAW_KODAK_DC50.KDC"):
+        paths.append(real)
+    return {path.suffix.lower(): path.read_bytes() for path in paths}
+
+
+def damaged(content: bytes, rng: np.random.Generator) -> bytes:
+    """Cut it, or set some bytes, in half of all cases in the first ones, where the headers are."""
+    data = bytearray(content)
+    if rng.random() < 0.2:
+        return bytes(data[: rng.integers(len(data))])
+    reach = min(len(data), 600) if rng.random() < 0.5 else len(data)
+    for position in rng.integers(0, reach, rng.integers(1, 12)):
+        data[position] = rng.choice([0, 1, 0x7F, 0x80, 0xFF, rng.integers(256)])
+    return bytes(data)
+
+
+def read_everything(path: Path) -> tuple[tuple[int, ...], bool]:
+    """Read exposure and pixels; say of the pixels their shape and whether they are as promised."""
+    read_exif(path)
+    pixels, _ = read_raw(path) if path.suffix in (".dng", ".kdc") else read_image(path)
+    return pixels.shape, bool((pixels >= 0).all() and (pixels <= 1).all())
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".dng", ".kdc"])
+def test_damaged_files(tmp_path, originals, suffix, capfd):
+    if suffix not in originals:
+        pytest.skip("the real RAW file is absent: set CRFBENCH_DATA to the folder that holds raw/RAW_KODAK_DC50.KDC")
+    rng = np.random.default_rng(0)
+    refused = 0
+    with SafeReader(timeout=10) as reader:
+        for number in range(N_FILES):
+            path = tmp_path / f"{number}{suffix}"
+            path.write_bytes(damaged(originals[suffix], rng))
+            try:
+                shape, promised = reader.run(read_everything, path)
+                assert promised
+                assert shape[2] == 3
+            except FormatError as error:
+                assert path.name in str(error)  # noqa: PT017
+                refused += 1
+        path.write_bytes(originals[suffix])
+        assert reader.run(read_everything, path)[1]
+    # Every byte of a PNG file is under a checksum; the other formats let some damage to pixels through.
+    assert refused == N_FILES if suffix == ".png" else 0 < refused < N_FILES
+    assert "Traceback" not in capfd.readouterr().err
