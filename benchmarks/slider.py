@@ -52,7 +52,7 @@ WATCH = """
         port2.postMessage(null);
     };
     const painted = () => (inFrame ? afterThisFrame() : nextFrame(afterThisFrame));
-    for (const kind of ["keydown", "pointermove"]) {
+    for (const kind of ["keydown", "pointermove", "pointerup"]) {
         window.addEventListener(kind, (event) => (seen.began ??= event.timeStamp), true);
     }
     const { stroke } = CanvasRenderingContext2D.prototype;

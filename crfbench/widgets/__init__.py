@@ -1,5 +1,6 @@
 """Interactive views for notebooks; their JavaScript and styles lie in ``static``."""
 
+from crfbench.widgets.calibration_explorer import CalibrationExplorer
 from crfbench.widgets.chart_labeller import ChartLabeller
 from crfbench.widgets.epoch_player import EpochPlayer
 from crfbench.widgets.latent_explorer import LatentExplorer
@@ -7,4 +8,12 @@ from crfbench.widgets.model_explorer import ModelExplorer
 from crfbench.widgets.search_explorer import SearchExplorer
 from crfbench.widgets.training_panel import TrainingPanel
 
-__all__ = ["ChartLabeller", "EpochPlayer", "LatentExplorer", "ModelExplorer", "SearchExplorer", "TrainingPanel"]
+__all__ = [
+    "CalibrationExplorer",
+    "ChartLabeller",
+    "EpochPlayer",
+    "LatentExplorer",
+    "ModelExplorer",
+    "SearchExplorer",
+    "TrainingPanel",
+]

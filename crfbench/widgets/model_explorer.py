@@ -80,7 +80,7 @@ class ModelExplorer(anywidget.AnyWidget):
     0.5
     """
 
-    _esm = join("controls.js", "plot.js", "model_explorer.js")
+    _esm = join("controls.js", "plot.js", "wishes.js", "model_explorer.js")
     _css = join("widgets.css")
     #: What can be chosen and what the axes show; set once.
     _choices = traitlets.Dict().tag(sync=True)

@@ -78,3 +78,14 @@ function readouts(names) {
   const box = element("dl", { class: "crf-readouts" }, ...rows);
   return { box, show: (texts) => texts.forEach((text, i) => (values[i].textContent = text)) };
 }
+
+// Four digits, but no more than five decimals, so that what rounding leaves of a zero is shown as one.
+function formatParam(value) {
+  const rounded = Math.abs(value) < 1e-3 ? value.toFixed(5) : value.toPrecision(4);
+  return Number(rounded) === 0 ? "0" : rounded.replace("-", "−");
+}
+
+function formatError(value) {
+  if (value === 0) return "0";
+  return value < 1e-3 || value >= 1e3 ? value.toExponential(3) : value.toPrecision(4);
+}

@@ -1,58 +1,7 @@
 // The page's side of ModelExplorer: it asks, Python decodes, it draws. No model's formula is written here.
 
 const SLIDER_STEP = 0.02; // in standard deviations of the parameter
-const SLOW = 400; // ms without an answer after which the page says so
 const HEADROOM = 0.1; // how much of what leaves [0, 1] is seen
-
-// Speaks to Python one wish at a time. While an answer is awaited only the newest wish of each kind is kept, so a
-// drag never queues up: the next message carries the value that the hand has reached by then.
-class Wishes {
-  constructor(model, onBusy) {
-    this.model = model;
-    this.onBusy = onBusy; // told true when an answer is awaited, false when nothing is under way any more
-    this.name = newId(); // two views of one widget must not take each other's answers for their own
-    this.count = 0;
-    this.awaited = null;
-    this.waiting = new Map();
-  }
-
-  get idle() {
-    return this.awaited === null;
-  }
-
-  send(kind, value = null) {
-    this.waiting.delete(kind); // so that the newest comes last
-    this.waiting.set(kind, value);
-    if (this.idle) this.sendNext();
-  }
-
-  sendNext() {
-    const next = this.waiting.entries().next();
-    this.onBusy(!next.done);
-    if (next.done) return;
-    const [kind, value] = next.value;
-    this.waiting.delete(kind);
-    this.awaited = `${this.name}:${++this.count}`;
-    this.model.send({ request: this.awaited, kind, value });
-  }
-
-  answered(request) {
-    if (request !== this.awaited) return;
-    this.awaited = null;
-    this.sendNext();
-  }
-}
-
-// Four digits, but no more than five decimals, so that what rounding leaves of a zero is shown as one.
-function formatParam(value) {
-  const rounded = Math.abs(value) < 1e-3 ? value.toFixed(5) : value.toPrecision(4);
-  return Number(rounded) === 0 ? "0" : rounded.replace("-", "−");
-}
-
-function formatError(value) {
-  if (value === 0) return "0";
-  return value < 1e-3 || value >= 1e3 ? value.toExponential(3) : value.toPrecision(4);
-}
 
 function verdict({ falls, inRange }) {
   const rises = falls === 0 ? "yes" : `falls at ${falls} sample${falls === 1 ? "" : "s"}`;
@@ -63,7 +12,6 @@ class ModelExplorerView {
   constructor(model, root) {
     this.model = model;
     this.choices = model.get("_choices");
-    this.wishes = new Wishes(model, (busy) => this.showBusy(busy));
     this.plot = new CurvePlot();
     this.sliders = [];
     this.sliderBox = element("div", { class: "crf-sliders", role: "group", "aria-label": "model parameters" });
@@ -71,6 +19,7 @@ class ModelExplorerView {
     this.status = element("div", { class: "crf-status", role: "status" });
     this.root = element("div", { class: "crf", "aria-busy": false }, this.buildChoices(), this.buildBody());
     root.append(this.root);
+    this.wishes = new Wishes(model, busySign(this.root, this.status));
     this.leaveTheme = followTheme(this.root, () => this.plot.schedule());
     this.update = this.update.bind(this);
     model.on("change:_scene", this.update);
@@ -79,7 +28,6 @@ class ModelExplorerView {
 
   destroy() {
     this.model.off("change:_scene", this.update);
-    clearTimeout(this.timer);
     this.leaveTheme();
     this.plot.destroy();
   }
@@ -103,12 +51,6 @@ class ModelExplorerView {
     const panel = element("div", { class: "crf-panel" }, this.sliderBox, buttons, this.valid.box);
     panel.append(this.readouts.box, this.status);
     return element("div", { class: "crf-body" }, element("div", { class: "crf-plot" }, this.plot.canvas), panel);
-  }
-
-  showBusy(busy) {
-    this.root.setAttribute("aria-busy", busy);
-    clearTimeout(this.timer);
-    if (busy) this.timer = setTimeout(() => (this.status.textContent = "waiting for Python …"), SLOW);
   }
 
   turn(step) {
