@@ -108,6 +108,12 @@ STATEMENTS: dict[str, Statement] = {
 }
 
 
+def scientific(value: float, digits: int = 2) -> str:
+    """Write a number as the paper does, for example 3.60E-2."""
+    mantissa, exponent = f"{value:.{digits}E}".split("E")
+    return f"{mantissa}E{int(exponent)}"
+
+
 def verdict(ours: float, printed: str | None) -> str:
     """Judge a figure by the digits the paper printed.
 

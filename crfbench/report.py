@@ -125,9 +125,9 @@ def stability_figure(evidence: Evidence) -> Axes:
 def _introduction(claims: pd.DataFrame) -> str:
     return (
         f"{_PAPER}, represents a camera's response by one number and a small network. Here its {len(claims)} figures "
-        "and claims stand beside ours: computed anew from the same data, with every model fitted as well as it can be. "
-        "The idea holds up; many figures do not. Where the paper leaves a choice open, ours is stated, and a difference "
-        "may lie in that choice."
+        "and claims stand beside ours, computed anew from the same data with every model fitted as well as it can be. "
+        "The idea holds up; many figures do not. Where the paper leaves a choice open ours is stated, and a "
+        "difference may lie in that choice."
     )
 
 

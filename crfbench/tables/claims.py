@@ -5,7 +5,16 @@ from decimal import Decimal
 
 import pandas as pd
 
-from crfbench.paper import CALIBRATION, CALIBRATION_COLUMNS, FITTING, SIGNIFICANT_RMSE, STABILITY, STATEMENTS, verdict
+from crfbench.paper import (
+    CALIBRATION,
+    CALIBRATION_COLUMNS,
+    FITTING,
+    SIGNIFICANT_RMSE,
+    STABILITY,
+    STATEMENTS,
+    scientific,
+    verdict,
+)
 from crfbench.tables.evidence import Evidence, load_evidence
 from crfbench.tables.statements import CHECKS
 
@@ -30,7 +39,7 @@ _STATISTICS = {
     "seconds": "seconds for all cameras",
 }
 _WHY_FITTING = {
-    "SLR": "Our mean squared error is {mse:.2E}: the paper's figure has the size of an MSE, not of an RMSE.",
+    "SLR": "Our mean squared error is {mse}: the paper's figure has the size of an MSE, not of an RMSE.",
     "EMoR": "Projection on the published components: data, metric and model are the paper's.",
     "below": "Ours are the best fits there are, so no parameters give the paper's smaller figure as a mean RMSE.",
     "above": "Ours are the best fits there are; parameters with the paper's larger figure are not the optimal ones.",
@@ -77,15 +86,15 @@ def _fitting(evidence: Evidence) -> Iterator[tuple[str, ...]]:
     rows = evidence.fitting.query("direction == 'forward' and split == 'in-sample'").set_index(["model", "n_params"])
     seeds = evidence.held_out.query("model == 'SLR-ldl' and n_params == 1 and direction == 'forward'")
     low, high = seeds["in_sample_mean_rmse"].agg(["min", "max"])
-    spread = {"SLR": f"{low:.2E} to {high:.2E} ({len(seeds)} seeds, each trained on four folds)"}
+    spread = {"SLR": f"{scientific(low)} to {scientific(high)} ({len(seeds)} seeds, each trained on four folds)"}
     for (model, k), printed in FITTING.items():
         row = rows.loc["SLR-ldl" if model == "SLR" else model, k]
         kind = model if model in _WHY_FITTING else "below" if float(printed) < row["mean_rmse"] else "above"
-        why = _WHY_FITTING[kind].format(mse=row["mean_mse"])
+        why = _WHY_FITTING[kind].format(mse=scientific(row["mean_mse"]))
         claim = f"mean RMSE of {model}, {k} parameter{'s' * (k > 1)}"
         judged = verdict(row["mean_rmse"], printed)
         how = "crfbench.tables.fitting.fitting_table"
-        yield claim, "Table 1", printed, f"{row['mean_rmse']:.2E}", spread.get(model, ""), how, judged, why
+        yield claim, "Table 1", printed, scientific(row["mean_rmse"]), spread.get(model, ""), how, judged, why
 
 
 def _stability(evidence: Evidence) -> Iterator[tuple[str, ...]]:

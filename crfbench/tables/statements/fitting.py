@@ -5,7 +5,7 @@ import pandas as pd
 
 from crfbench.curves import N_SAMPLES
 from crfbench.models import load_model
-from crfbench.paper import FITTING, STATEMENTS
+from crfbench.paper import FITTING, STATEMENTS, scientific
 from crfbench.tables.evidence import Evidence
 from crfbench.tables.fitting import papers_rising_rows
 from crfbench.tables.statements.finding import Check, Finding, judged
@@ -41,9 +41,9 @@ def classical_models(evidence: Evidence) -> Finding:
     """Compare the classical models with EMoR, as many parameters each."""
     ours = _means(evidence)
     pairs = [(ours["Gamma", 1], ours["EMoR", 1]), *((ours["Polynomial", k], ours["EMoR", k]) for k in (2, 3, 4))]
-    shown = f"Gamma {ours['Gamma', 1]:.2E}, EMoR {ours['EMoR', 1]:.2E}"
+    shown = f"Gamma {scientific(ours['Gamma', 1])}, EMoR {scientific(ours['EMoR', 1])}"
     why = "With one parameter Table 1 prints the opposite, Gamma five times better than EMoR."
-    return judged(ours=shown, how=_FITTING, holds=all(ours > emor for ours, emor in pairs), why=why)
+    return judged(ours=shown, how=_FITTING, holds=all(rival > emor for rival, emor in pairs), why=why)
 
 
 def one_figure(evidence: Evidence) -> Finding:
@@ -51,7 +51,7 @@ def one_figure(evidence: Evidence) -> Finding:
     table = FITTING["SLR", 1]
     why = f"Table 1 prints {table}; one of the two is a slip, and ours is of another size."
     ours = _means(evidence)["SLR-ldl", 1]
-    return Finding(f"{ours:.2E}", _FITTING, "differs", why)
+    return Finding(scientific(ours), _FITTING, "differs", why)
 
 
 def ten_folds(evidence: Evidence) -> Finding:
@@ -88,7 +88,9 @@ def gamma_within_ggcm(evidence: Evidence) -> Finding:
     same = FITTING["Gamma", 1] == FITTING["GGCM", 1]
     printed = f"{FITTING['Gamma', 1]} and {FITTING['GGCM', 1]}"
     why = f"x^w is both models, so the figures must agree; Table 1 prints {printed}."
-    return judged(ours=f"{ours['Gamma', 1]:.2E}, {ours['GGCM', 1]:.2E}", how=_FITTING, holds=same, why=why)
+    return judged(
+        ours=f"{scientific(ours['Gamma', 1])}, {scientific(ours['GGCM', 1])}", how=_FITTING, holds=same, why=why
+    )
 
 
 def _means(evidence: Evidence, split: str = "in-sample") -> "pd.Series[float]":

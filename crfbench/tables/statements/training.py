@@ -3,7 +3,7 @@
 import numpy as np
 
 from crfbench.curves import GRID, N_SAMPLES
-from crfbench.paper import STATEMENTS
+from crfbench.paper import STATEMENTS, scientific
 from crfbench.search.result import architecture
 from crfbench.search.space import SearchSpace
 from crfbench.tables.evidence import CONSTRAINTS, Evidence
@@ -68,9 +68,9 @@ def variance(evidence: Evidence) -> Finding:
 def ldl_accurate(evidence: Evidence) -> Finding:
     """Compare the KL divergences."""
     kl = evidence.latents["kl"]
-    others = ", ".join(f"{name} {kl[name]:.1E}" for name in CONSTRAINTS[1:])
+    others = ", ".join(f"{name} {scientific(kl[name], 1)}" for name in CONSTRAINTS[1:])
     why = f"KL divergence of mean and s.d. to N(0, 1), which LDL minimises; {others}."
-    return judged(ours=f"{kl['ldl']:.1E}", how=_LATENTS, holds=kl.idxmin() == "ldl", why=why)
+    return judged(ours=scientific(kl["ldl"], 1), how=_LATENTS, holds=kl.idxmin() == "ldl", why=why)
 
 
 def ldl_rapid(evidence: Evidence) -> Finding:
