@@ -211,7 +211,8 @@ def test_doubtful_observations_are_warned_of():
     assert "only 2 patches" in warned(rising[:, [2, 7]], reference=reference[[2, 7]])
     assert "3 of 10 observations are clipped" in warned(np.minimum(1.4 * rising, 1), reference=reference)
     assert "hardly narrow the prior" in warned([[0.499, 0.501]], reference=[1.0, 1.004])
-    steep = Observations(rising, rising[0] ** 15, reference_error=1e-4)
+    bright = np.linspace(0.8, 0.98, 10)
+    steep = Observations([bright], bright**25, reference_error=1e-4)
     found = calibrate(load_model("Gamma"), steep, noise=SHARP)
     assert "at the edge of what the prior expects" in found.warnings[0][0]
 
