@@ -79,8 +79,10 @@ class Likelihood:
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
         sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
         e = self.precision.shape[1]
-        # Only the differences of the exposures are known to `sigma`.
+        # Unless the reference is absolute, only the differences of the exposures are known to `sigma`.
         self._prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
+        if observations.absolute:
+            self._prior += np.full((e, e), 1.0 / e) / sigma**2
         self._inverse = np.linalg.inv(self._exposure_precision() + self._prior)
         self.freedom = self._degrees(observations, counts)
         self.clip = self._clip(observations)
@@ -94,7 +96,7 @@ class Likelihood:
     def _degrees(self, observations: Observations, counts: np.ndarray) -> Array:
         """Count the observations beyond those that the eliminated unknowns take up; at least 1."""
         n = (counts * observations.weights).sum(axis=(1, 2))
-        scales = counts.any(axis=2).sum(axis=1) if observations.exposures is None else 1
+        scales = counts.any(axis=2).sum(axis=1) if observations.exposures is None else 1 - observations.absolute
         patches = counts.any(axis=1).sum(axis=1) - 1 if observations.reference is None else 0
         return np.maximum(n - scales - patches, 1.0)
 
@@ -154,14 +156,17 @@ class Likelihood:
 
 
 def _offset(observations: Observations) -> Array:
-    """Return the log irradiance that reference and exposure tell, shape (n, e, p), less its mean over the counted.
+    """Return the log irradiance that reference and exposure tell, shape (n, e, p).
 
-    Without the mean, nothing depends on the unit of the reference or the zero of the exposures.
+    Unless the reference is absolute it is centred, so that nothing depends on the reference's unit or the zero of the
+    exposures.
     """
     offset = np.zeros(observations.brightness.shape)
     if observations.reference is not None:
         offset += np.log(observations.reference)[:, None, :]
     if observations.exposures is not None:
         offset += np.log(2.0) * observations.exposures[:, :, None]
+    if observations.absolute:
+        return offset
     counts = observations.counts
     return offset - (counts * offset).sum(axis=(1, 2), keepdims=True) / counts.sum(axis=(1, 2), keepdims=True)

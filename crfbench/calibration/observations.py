@@ -39,6 +39,9 @@ class Observations:
         How many observations each counts for; 0 leaves it out. Default 1.
     reference_error : array_like, shape (p,) or (n, p), optional
         Relative standard deviation of each reference value, the same in all photographs.
+    absolute : bool
+        Whether reference x 2^exposure is irradiance in units of full scale, as RAW files tell it, so that the scale is
+        known too. It needs both.
 
     Raises
     ------
@@ -55,6 +58,7 @@ class Observations:
         clipped: ArrayLike | None = None,
         weights: ArrayLike | None = None,
         reference_error: ArrayLike = REFERENCE_ERROR,
+        absolute: bool = False,
     ) -> None:
         b = _finite("brightness", brightness)
         if b.ndim not in (2, 3) or not b.size:
@@ -72,6 +76,9 @@ class Observations:
         self.reference = None if reference is None else _positive("reference", reference, (n, p))
         self.reference_error = _positive("reference_error", reference_error, (n, p))
         self.exposures = None if exposures is None else _stops(exposures, (n, e))
+        self.absolute = bool(absolute)
+        if self.absolute and (reference is None or exposures is None):
+            raise InputError("absolute=True needs both reference and exposures; give them, or leave it out")
         self._check_information()
 
     def __len__(self) -> int:
@@ -96,17 +103,13 @@ class Observations:
 
         Notes
         -----
-        A camera bends each channel by itself, and the mean of bent values is not the bent mean. With a response near
-        gamma 2.2 and channels that spread by a share c of their mean, the intensity is off by about
-        2.2 (2.2 - 1) / 2 c^2 of the irradiance; so much is added to `reference_error`.
+        `colour_error` is added to `reference_error`.
         """
         channels = _finite("rgb", rgb)
         if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
             raise InputError(f"rgb has shape {channels.shape}; use (images, patches, 3) or (n, images, patches, 3)")
-        intensity = channels.mean(axis=-1)
-        spread = channels.std(axis=-1) / np.maximum(intensity, 1 / 255)
-        error = np.hypot(REFERENCE_ERROR, _GAMMA * (_GAMMA - 1) / 2 * spread.mean(axis=-2) ** 2)
-        return cls(intensity, reference, **{"reference_error": error, **others})
+        error = np.hypot(REFERENCE_ERROR, colour_error(channels))
+        return cls(channels.mean(axis=-1), reference, **{"reference_error": error, **others})
 
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
         """Keep some patches, by index from 0."""
@@ -119,6 +122,7 @@ class Observations:
             self.clipped[..., chosen],
             self.weights[..., chosen],
             self.reference_error[:, chosen],
+            self.absolute,
         )
 
     def _check_information(self) -> None:
@@ -139,6 +143,20 @@ class Observations:
         if (high <= low).any():
             row = int(np.argmax(high <= low))
             raise InputError(f"all patches of observations {row} have brightness {low[row]:g}; use patches that differ")
+
+
+def colour_spread(rgb: Array) -> Array:
+    """Return the standard deviation of the channels as a share of their mean, (..., e, p, 3) to (..., p)."""
+    return np.asarray((rgb.std(axis=-1) / np.maximum(rgb.mean(axis=-1), 1 / 255)).mean(axis=-2))
+
+
+def colour_error(rgb: Array) -> Array:
+    """Return the relative error of a patch's irradiance for its colour, (..., e, p, 3) to (..., p).
+
+    A camera bends each channel by itself, and the mean of bent values is not the bent mean. With a response near gamma
+    2.2 and channels that spread by a share c of their mean, the intensity is off by about 2.2 (2.2 - 1) / 2 c^2.
+    """
+    return _GAMMA * (_GAMMA - 1) / 2 * colour_spread(rgb) ** 2
 
 
 def _finite(name: str, values: ArrayLike) -> Array:

@@ -58,8 +58,9 @@ def save_labels(path: Path, labels: Mapping[str, ArrayLike]) -> None:
     if not all(isinstance(name, str) and name for name in labels):
         raise InputError(f"labels={list(labels)} have a name that is no text or empty; use the photographs' names")
     entries = [{"photograph": name, "corners": as_corners(labels[name]).tolist()} for name in sorted(labels)]
-    document = json.dumps({"version": VERSION, "labels": entries}, ensure_ascii=False, indent=1)
-    write_atomically(Path(path), document.encode("utf-8"))
+    # Escaped to ASCII: names of files may hold what UTF-8 cannot.
+    document = json.dumps({"version": VERSION, "labels": entries}, indent=1)
+    write_atomically(Path(path), document.encode("ascii"))
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

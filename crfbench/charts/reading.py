@@ -159,7 +159,7 @@ def open_image(path: Path) -> tuple[Any, bytes]:
 
     path = Path(path)
     content = _content(path)
-    damage = (*_DAMAGE, Image.DecompressionBombError)
+    damage: tuple[type[Exception], ...] = (*_DAMAGE, Image.DecompressionBombError)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about sizes, which are checked here, and damage that is found later
         try:

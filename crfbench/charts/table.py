@@ -37,10 +37,11 @@ class Measured(NamedTuple):
 
 
 class ChartTable(NamedTuple):
-    """The patch table, and the photographs that it lacks."""
+    """The patch table, the photographs that it lacks, and what was measured in each of the others by its name."""
 
     patches: "pd.DataFrame"
     problems: list[Problem]
+    measured: dict[str, Measured]
 
 
 def measure_photograph(jpeg: Path, raw: Path | None = None, corners: ArrayLike | None = None) -> Measured:
@@ -103,7 +104,7 @@ def chart_table(pairs: Sequence[Pair], labels: Mapping[str, ArrayLike] | None = 
     steps = exposure_steps([photograph.exif for photograph in measured.values()])
     parts = [_rows(name, *entry) for (name, *entry) in zip(measured, measured.values(), steps, strict=True)]
     frame = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=list(COLUMNS))
-    return ChartTable(frame, problems)
+    return ChartTable(frame, problems, measured)
 
 
 def _measure_raw(jpeg: Path, picture: Picture, raw: Path | None, corners: Array) -> PatchValues | None:

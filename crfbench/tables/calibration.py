@@ -8,7 +8,7 @@ from scipy.optimize import isotonic_regression
 
 from crfbench.calibration import METHODS, Calibration, Noise, Observations, calibrate
 from crfbench.calibration.likelihood import DARKEST
-from crfbench.calibration.observations import REFERENCE_ERROR
+from crfbench.calibration.observations import REFERENCE_ERROR, colour_spread
 from crfbench.curves import Array, evaluate
 from crfbench.datasets import load_patches, load_responses, registry
 from crfbench.datasets.middlebury import N_PATCHES, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays
@@ -141,8 +141,7 @@ def chart_observations(chart: PatchArrays, channel: str = "intensity") -> tuple[
     else:
         which = "rgb".index(channel)
         jpeg, raw = chart.jpeg[..., which], chart.raw[..., which]
-        spread = (rgb.std(axis=-1) / np.maximum(rgb.mean(axis=-1), 1 / 255)).mean(axis=-2)
-        error = np.hypot(REFERENCE_ERROR, _COLOUR_SLOPE * spread)
+        error = np.hypot(REFERENCE_ERROR, _COLOUR_SLOPE * colour_spread(rgb))
         observations = Observations(rgb[..., which], REFERENCE_IRRADIANCE, clipped=clipped, reference_error=error)
     jpeg, raw = (_swapped(array.reshape(len(rgb), -1)) for array in (jpeg, raw))
     return observations, jpeg, raw

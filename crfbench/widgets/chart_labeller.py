@@ -107,7 +107,7 @@ class ChartLabeller(anywidget.AnyWidget):
         FormatError
             For a file that holds no labels.
         """
-        self.labels = load_labels(path)
+        self.labels = load_labels(Path(path))
 
     @traitlets.observe("_index")
     def _show(self, _change: object = None) -> None:

@@ -1,0 +1,130 @@
+"""The report of a calibration as one HTML page: pictures inside, no request leaves it."""
+
+import base64
+import html
+import io
+from string import Template
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from crfbench.calibration import Calibration
+from crfbench.camera.files import CameraCalibration
+from crfbench.charts import SafeReader, read_image
+from crfbench.charts.geometry import COLUMNS, GAP, ROWS, SIZE, UNIT, homography, project
+from crfbench.plots import PALETTE, plot_calibration
+
+_PICTURE_WIDTH = 900  # pixels
+_PAGE = Template(
+    """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<meta name="color-scheme" content="light dark"><title>$title</title>
+<style>
+:root { color-scheme: light dark } body { font: 1rem/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto;
+padding: 0 1rem } img { max-width: 100%; height: auto; background: #fff } table { border-collapse: collapse }
+th, td { text-align: left; padding: .2rem .8rem .2rem 0; vertical-align: top; overflow-wrap: anywhere }
+</style></head><body>
+<h1>$title</h1>
+<table><caption>The calibration</caption><tbody>$facts</tbody></table>
+<h2>Warnings</h2>
+$warnings
+<h2>Inverse response</h2>
+<img alt="$curve_text" src="$curve">
+<h2>Residuals</h2>
+<img alt="$residual_text" src="$residuals">
+$charts
+<h2>Left out</h2>
+$problems
+</body></html>
+"""
+)
+
+
+def report_page(result: CameraCalibration) -> str:
+    """Return the page: facts, warnings, the curve with its band, residuals, and the chart with its boxes."""
+    calibration, camera = result.calibration, result.passport.camera or "camera"
+    with mpl.rc_context({"svg.hashsalt": "crfbench"}):
+        curve = _picture(plot_calibration(calibration))
+        residuals = _picture(_residuals(calibration))
+    low, high = calibration.brightness_range[0]
+    return _PAGE.substitute(
+        title=html.escape(f"Response of {camera}"),
+        facts="".join(_fact(name, value) for name, value in _facts(result)),
+        warnings=_list(calibration.warnings[0], "None."),
+        curve=curve,
+        curve_text=f"Inverse response with its bands; measured from brightness {low:.2f} to {high:.2f}",
+        residuals=residuals,
+        residual_text="Residual of every patch against its brightness, in per cent of irradiance",
+        charts=_charts(result),
+        problems=_list([problem.reason for problem in result.problems], "No file was left out."),
+    )
+
+
+def _facts(result: CameraCalibration) -> list[tuple[str, str]]:
+    passport, calibration = result.passport, result.calibration
+    counts = calibration.observations.counts[0]
+    rms = np.sqrt((calibration.residuals[0][counts] ** 2).mean())
+    return [
+        ("model", passport.model),
+        ("photographs", ", ".join(result.photographs)),
+        ("measurements", f"{int(counts.sum())}, {int((~counts).sum())} clipped or left out"),
+        ("brightness measured", f"{passport.valid_range[0]:.3f} to {passport.valid_range[1]:.3f}"),
+        ("root mean square residual", f"{100 * rms:.1f} % of irradiance"),
+        ("SHA-256 of the files", passport.data_sha256),
+        ("crfbench", passport.version),
+    ]
+
+
+def _fact(name: str, value: str) -> str:
+    return f'<tr><th scope="row">{html.escape(name)}</th><td>{html.escape(value)}</td></tr>'
+
+
+def _list(texts: list[str] | tuple[str, ...], none: str) -> str:
+    items = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
+    return f"<ul>{items}</ul>" if items else f"<p>{none}</p>"
+
+
+def _residuals(calibration: Calibration) -> Axes:
+    """Draw the residuals against brightness."""
+    ax = Figure(figsize=(6, 3), layout="constrained").subplots()
+    counts = calibration.observations.counts[0]
+    ax.axhline(0.0, color="0.6", lw=0.8)
+    ax.plot(calibration.observations.brightness[0][counts], 100 * calibration.residuals[0][counts], "o", ms=3)
+    ax.set(xlabel="brightness (relative, 0 to 1)", ylabel="residual (% of irradiance)", xlim=(0, 1))
+    return ax
+
+
+def _charts(result: CameraCalibration) -> str:
+    """Show the chart of the first photograph with the boxes that were measured."""
+    if not result.measured:
+        return ""
+    name, measured = next(iter(result.measured.items()))
+    with SafeReader() as reader:
+        pixels = reader.run(read_image, result.photographs[name]).pixels
+    step = -(-pixels.shape[1] // _PICTURE_WIDTH)
+    ax = Figure(figsize=(8, 8 * pixels.shape[0] / pixels.shape[1]), layout="constrained").subplots()
+    ax.imshow(pixels[::step, ::step], extent=(0, 1, 1, 0), aspect="auto")
+    for box in chart_boxes(measured.corners):
+        ax.plot(*box[[0, 1, 2, 3, 0]].T, color=PALETTE[1], lw=1)
+    ax.set_axis_off()
+    text = html.escape(f"Photograph {name} with the 24 patches that were measured")
+    return f'<h2>Chart in {html.escape(name)}</h2>\n<img alt="{text}" src="{_picture(ax, "png")}">'
+
+
+def chart_boxes(corners: np.ndarray) -> np.ndarray:
+    """Return the outlines of the 24 patches, shape (24, 4, 2), as fractions of the image."""
+    column, row = np.meshgrid(np.arange(COLUMNS), np.arange(ROWS))
+    origin = np.stack([column.ravel(), row.ravel()], axis=-1) * (1 + GAP)
+    return project(homography(UNIT * SIZE, corners), origin[:, None] + UNIT)
+
+
+def _picture(ax: Axes, kind: str = "svg") -> str:
+    """Return a figure as a data address."""
+    content = io.BytesIO()
+    figure = ax.get_figure(root=True)
+    assert figure is not None  # noqa: S101  an Axes just drawn always lies in a figure
+    figure.savefig(content, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else None)
+    media = "image/svg+xml" if kind == "svg" else f"image/{kind}"
+    return f"data:{media};base64,{base64.b64encode(content.getvalue()).decode()}"
