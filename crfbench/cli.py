@@ -148,7 +148,9 @@ def calibrate(
     for path in write_outputs(result, out, overwrite=force):
         typer.echo(path)
     low, high = result.passport.valid_range
-    typer.echo(f"{result.passport!r}: measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs")
+    typer.echo(
+        f"{result.passport!r}: measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
+    )
     for warning in result.calibration.warnings[0]:
         typer.echo(f"warning: {warning}")
 

@@ -80,7 +80,7 @@ def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
 
 
 def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
-    with pytest.raises(InputError, match="no photograph with a chart is left .*ChartLabeller"):
+    with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller"):
         calibrate_chart(tmp_path)
     with pytest.raises(InputError, match=f"use one of {', '.join(CHOICES)}"):
         calibrate_chart(tmp_path, model="magic")
@@ -121,7 +121,7 @@ def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth
     for name in ("response.csv", "response.npy", "response.cube"):
         assert rmse(read_response(tmp_path / name).in_direction("forward")[0], truth) < 0.02
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(InputError, match="exists already.*--force"):
+    with pytest.raises(InputError, match=r"exists already.*--force"):
         list(write_outputs(result, tmp_path))
     assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     list(write_outputs(result, tmp_path, overwrite=True))
