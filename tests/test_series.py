@@ -116,12 +116,14 @@ def test_merge_weighs_by_inverse_variance():
     np.testing.assert_allclose(merged.weight, precision.sum(), rtol=1e-4)
 
 
-def test_band_lowers_the_weight():
-    half = 0.2 * GRID * (1 - GRID)
+def test_band_adds_its_own_variance():
+    """Half a band of 90 % is 1.645 standard deviations."""
+    half, noise = 0.2 * GRID * (1 - GRID), 0.01
     passport = Passport("inverse", GRID, low=GRID - half, high=GRID + half, level=0.9)
-    images = [np.uint8([[51]]), np.uint8([[102]])]
-    sure, unsure = (merge_series(images, [0, 1], response).weight for response in (GRID, passport))
-    assert (unsure < 0.5 * sure).all()
+    merged = merge_series([np.uint8([[51]]), np.uint8([[102]])], [0, 1], passport, noise=noise)
+    b = np.array([0.2, 0.4])
+    variance = (0.2 * (1 - b) / 1.645) ** 2 + (noise / b) ** 2
+    np.testing.assert_allclose(merged.weight, (1 / variance).sum(), rtol=1e-3)
 
 
 def test_calibration_and_passports_merge_alike():
