@@ -1,5 +1,6 @@
-"""The command line: ``crfbench data | fetch | table | tables | report | train | search | lab``."""
+"""The command line: ``crfbench data | fetch | table | tables | report | calibrate | linearise | train | ...``."""
 
+import datetime
 import json
 import sys
 from collections.abc import Mapping
@@ -130,6 +131,58 @@ def report(out: Annotated[Path, typer.Option(help="The page to write.")] = Path(
     from crfbench.report import write_report
 
     typer.echo(write_report(out))
+
+
+@app.command()
+def calibrate(
+    source: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the files.")],
+    chart: Annotated[str, typer.Option(help="auto, none (an exposure series), or a file of labels")] = "auto",
+    exposures: Annotated[str, typer.Option(help="exif, or exposure times such as 1,2,4,8 by name of file")] = "exif",
+    model: Annotated[str, typer.Option(help="slr, slr-1, monotone, emor, ggcm, polynomial or ppisp")] = "slr",
+    out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+) -> None:
+    """Calibrate your camera: from RAW and JPEG files to a response passport."""
+    from crfbench.camera import calibrate_chart, calibrate_exposures, write_outputs
+
+    files = source[0] if len(source) == 1 and source[0].is_dir() else source
+    times, today = _times(exposures), datetime.date.today().isoformat()
+    if chart == "none":
+        result = calibrate_exposures(files, times, model, today)
+    else:
+        result = calibrate_chart(files, None if chart == "auto" else Path(chart), times, model, today)
+    for problem in result.problems:
+        typer.echo(f"left out: {problem.reason}", err=True)
+    for path in write_outputs(result, out, overwrite=force):
+        typer.echo(path)
+    low, high = result.passport.valid_range
+    typer.echo(
+        f"{result.passport!r}: measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
+    )
+    for warning in result.calibration.warnings[0]:
+        typer.echo(f"warning: {warning}")
+
+
+@app.command()
+def linearise(
+    image: Annotated[Path, typer.Argument(help="JPEG, PNG or TIFF, 8 or 16 bit.")],
+    response: Annotated[Path, typer.Option(help="passport.json or any export of it.")],
+    out: Annotated[Path, typer.Option(help="What to write: .exr or .tif (float).")],
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+) -> None:
+    """Turn the brightness of an image back into irradiance."""
+    from crfbench.camera import linearise_file
+
+    typer.echo(linearise_file(image, response, out, overwrite=force))
+
+
+def _times(exposures: str) -> list[float] | None:
+    if exposures == "exif":
+        return None
+    try:
+        return [float(part) for part in exposures.split(",")]
+    except ValueError:
+        raise InputError(f"exposures={exposures!r} are no times; use exif, or numbers such as 1,2,4,8") from None
 
 
 @app.command()

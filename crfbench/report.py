@@ -227,7 +227,8 @@ def _figure(draw: Callable[[], Axes], caption: str, alt: str) -> str:
         figure.savefig(content, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
         plt.close(figure)
     picture = _inline(content.getvalue(), re.sub(r"\W+", "-", caption.split(":", maxsplit=1)[0]).lower(), alt)
-    return f'<figure><div class="scroll">{picture}</div><figcaption>{html.escape(caption)}</figcaption></figure>'
+    region = f'<div class="scroll" role="region" tabindex="0" aria-label="{html.escape(caption)}">{picture}</div>'
+    return f"<figure>{region}<figcaption>{html.escape(caption)}</figcaption></figure>"
 
 
 def _inline(svg: str, prefix: str, alt: str) -> str:

@@ -2,12 +2,13 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 from typer.testing import CliRunner
 
 import crfbench
-from crfbench import cli, lab
+from crfbench import cli, lab, results
 from crfbench.tables.fitting import COLUMNS
 
 
@@ -100,6 +101,10 @@ def test_version(run):
 
 def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     monkeypatch.delenv("CRFBENCH_DATA", raising=False)
+    # Fewer of the same rows: each of them has a test of its own.
+    few = (("SLR", "ldl", 1), ("EMoR", "", 3))
+    monkeypatch.setattr(results, "calibration_table", partial(results.calibration_table, rows=few))
+    monkeypatch.setattr(results, "stability_table", partial(results.stability_table, random_subsets=1))
     result = CliRunner().invoke(cli.app, ["tables", "--out", str(tmp_path / "new folder")])
     assert result.exit_code == 0, result.output
     written = {path.name for path in (tmp_path / "new folder").iterdir()}
@@ -107,5 +112,6 @@ def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     assert {"latents.csv", "latents.json", "latent_epochs.pdf", "search.pdf"} <= written
     for stem in ("curves_opencrf", "patches", "comparison", "fitting_opencrf", "fitting_dorf", "validity_dorf"):
         assert {f"{stem}.png", f"{stem}.pdf"} <= written
-    assert {"fitting_dorf.json", "fitting_opencrf.csv"} <= written
+    assert {"fitting_dorf.json", "fitting_opencrf.csv", "stability.csv", "chart_free.json"} <= written
+    assert {"calibration_3_map.csv", "calibration_24_posterior.json", "calibration_coverage.pdf"} <= written
     assert json.loads((tmp_path / "new folder" / "fitting_dorf.json").read_text())[0]["model"] == "Gamma"

@@ -129,8 +129,11 @@ class Likelihood:
         exposures = self._inverse[rows] @ h
         return np.maximum(total - np.einsum("nek,nek->nk", h, exposures), 0.0), exposures
 
-    def project(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
-        """Return M d, shape (m, e, p, k), and d^T M d, shape (m, k, k), positive whatever the rounding."""
+    def products(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
+        """Return d^T M d between all columns, shape (m, k, k), and the exposures; see `squares`.
+
+        A sum of squares: slower, but positive and smooth whatever the rounding.
+        """
         w = self.precision[rows][..., None]
         exposures = self.squares(d, rows)[1]
         rest = d - exposures[:, :, None]
@@ -138,7 +141,7 @@ class Likelihood:
         rest -= errors[:, None]
         eliminated = errors / np.broadcast_to(self.error, self._share.shape)[rows][..., None]
         product = np.einsum("mepi,mepj->mij", w * rest, rest) + np.swapaxes(eliminated, 1, 2) @ eliminated
-        return w * rest, product + np.swapaxes(exposures, 1, 2) @ self._prior @ exposures
+        return product + np.swapaxes(exposures, 1, 2) @ self._prior @ exposures, exposures
 
     def margins(self, d: Array, exposures: Array, rows: np.ndarray | slice) -> tuple[np.ndarray, Array]:
         """Return by how many standard deviations each clipped patch lies beyond its brightness.

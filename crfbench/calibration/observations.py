@@ -1,7 +1,7 @@
 """What a calibration sees: the brightness of patches in photographs, and what is known about their irradiance."""
 
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,7 +90,7 @@ class Observations:
         return (self.weights > 0) & ~self.clipped
 
     @classmethod
-    def from_rgb(cls, rgb: ArrayLike, reference: ArrayLike | None = None, **others: ArrayLike | None) -> Self:
+    def from_rgb(cls, rgb: ArrayLike, reference: ArrayLike | None = None, **others: Any) -> Self:
         """Observe intensities, the means of red, green and blue; coloured patches count for less.
 
         Parameters

@@ -81,25 +81,22 @@ class Posterior:
         """Return minus twice the log likelihood, half its curvature and half its gradient."""
         g, slope = looked_up(model, free, self.brightness[rows])
         slope = np.where(g[..., None] > DARKEST, slope / np.maximum(g, DARKEST)[..., None], 0.0)
-        d = self.likelihood.residual(g[..., None], rows)
-        projected, product = self.likelihood.project(slope, rows)
-        squares, exposures = self.likelihood.squares(d, rows)
-        share = (
-            self.power[rows] * self.noise.independent / (self.noise.freedom + self.noise.independent * squares[:, 0])
-        )
-        curved = share[:, None, None] * product
-        gradient = share[:, None] * np.einsum("mepk,mep->mk", projected, d[..., 0])
-        value = self.power[rows] * np.log1p(self._scaled(squares[:, 0]))
-        return self._add_censored((value, curved, gradient), d, exposures, slope, rows)
+        # One column is the residual, the others are its derivatives.
+        columns = np.concatenate([self.likelihood.residual(g[..., None], rows), slope], axis=3)
+        product, exposures = self.likelihood.products(columns, rows)
+        squares = product[:, 0, 0]
+        share = self.power[rows] * self.noise.independent / (self.noise.freedom + self.noise.independent * squares)
+        value = self.power[rows] * np.log1p(self._scaled(squares))
+        terms = value, share[:, None, None] * product[:, 1:, 1:], share[:, None] * product[:, 1:, 0]
+        return self._add_censored(terms, columns, exposures, rows)
 
     def _add_censored(
-        self, terms: tuple[Array, Array, Array], d: Array, exposures: Array, slope: Array, rows: np.ndarray
+        self, terms: tuple[Array, Array, Array], columns: Array, exposures: Array, rows: np.ndarray
     ) -> tuple[Array, Array, Array]:
         value, curved, gradient = terms
-        owner, margin = self.likelihood.margins(d, exposures, rows)
+        owner, margin = self.likelihood.margins(columns, exposures, rows)
         if owner.size:
-            u = margin[:, 0]
-            along = self.likelihood.margins(slope, self.likelihood.squares(slope, rows)[1], rows)[1]
+            u, along = margin[:, 0], margin[:, 1:]
             mills = np.exp(-0.5 * u**2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
             share = self.noise.independent
             np.add.at(value, owner, -2.0 * share * log_ndtr(u))

@@ -97,10 +97,10 @@ def _residuals(calibration: Calibration) -> Axes:
 
 
 def _charts(result: CameraCalibration) -> str:
-    """Show the chart of the first photograph with the boxes that were measured."""
+    """Show the chart where it was found most surely, with the boxes that were measured."""
     if not result.measured:
         return ""
-    name, measured = next(iter(result.measured.items()))
+    name, measured = max(result.measured.items(), key=lambda item: item[1].confidence)
     with SafeReader() as reader:
         pixels = reader.run(read_image, result.photographs[name]).pixels
     step = -(-pixels.shape[1] // _PICTURE_WIDTH)

@@ -42,7 +42,8 @@ class Pairing(NamedTuple):
 def pair_photographs(source: Path | Iterable[Path]) -> Pairing:
     """Pair RAW files with JPEGs (or PNG, TIFF) of the same name; a bad file is reported, the rest goes on.
 
-    Extensions count in either case. Sizes may differ by `CROP_SHARE`.
+    Extensions count in either case. Sizes may differ by `CROP_SHARE`. Where there is no RAW file at all, every JPEG
+    stands alone.
 
     Parameters
     ----------
@@ -65,10 +66,11 @@ def pair_photographs(source: Path | Iterable[Path]) -> Pairing:
             groups[unicodedata.normalize("NFC", path.stem)].append(path)
         else:
             problems.append(Problem(path, f"{path.name} is neither RAW nor JPEG, PNG or TIFF by its extension"))
+    alone = not any(path.suffix.lower() in RAW_SUFFIXES for paths in groups.values() for path in paths)
     pairs = []
     with SafeReader() as reader:
         for name, paths in sorted(groups.items()):
-            found = _pair(name, paths, reader)
+            found = Pair(name, paths[0]) if alone and len(paths) == 1 else _pair(name, paths, reader)
             if isinstance(found, Pair):
                 pairs.append(found)
             else:

@@ -50,12 +50,14 @@ def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -
         return SLR.load(name.removeprefix("SLR-"), n_params, direction)
     key = f"{name}-{n_params}-{direction}"
     try:
-        with np.load(shipped(LEARNED), allow_pickle=False) as learned:
+        with shipped(LEARNED).open("rb") as file, np.load(file, allow_pickle=False) as learned:
             if f"{key}.mean" not in learned:
                 names = sorted({entry.rsplit("-", 1)[0] for entry in learned if entry.endswith(".mean")})
                 raise InputError(f"no prior is shipped for {name!r} with {n_params} parameters; use {', '.join(names)}")
             model = _bare(name, n_params, direction, learned)
             model.prior_ = Prior(learned[f"{key}.mean"], learned[f"{key}.covariance"])
+    except InputError:  # also a ValueError
+        raise
     except _DAMAGE as error:
         raise FormatError(f"{LEARNED} is damaged ({error}); install crfbench again to restore it") from None
     return model

@@ -1,0 +1,179 @@
+"""From files to a passport: synthetic cameras of known response, and what goes wrong with files."""
+
+import json
+import os
+import re
+import stat
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from crfbench.camera import CHOICES, calibrate_chart, write_outputs
+from crfbench.camera.files import digest
+from crfbench.camera.observing import observe_chart, separate
+from crfbench.camera.page import chart_boxes
+from crfbench.charts import chart_table, pair_photographs, save_labels
+from crfbench.datasets import load_opencrf
+from crfbench.datasets.middlebury import N_PATCHES
+from crfbench.errors import InputError
+from crfbench.metrics import rmse
+from crfbench.passport import Passport, read_response
+from crfbench.synthetic import render_chart, write_pair
+
+EXPOSURES = (0.15, 0.4, 1.1)
+KNOWN = 70
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return load_opencrf().curves[KNOWN]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, truth):
+    """Three RAW and JPEG pairs with a name that is neither short nor Latin."""
+    folder = tmp_path_factory.mktemp("my photos ü 写真")
+    for i, exposure in enumerate(EXPOSURES):
+        scene = render_chart(truth, seed=i, size=(480, 360), exposure=exposure)
+        write_pair(folder, f"写真 {i}", scene, exposure_time=0.01 * exposure)
+    (folder / "notes.txt").write_text("not a photograph")
+    (folder / "broken.jpg").write_bytes((folder / "写真 0.jpg").read_bytes()[:3000])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def result(folder):
+    return calibrate_chart(folder, created="2026-01-31")
+
+
+def test_a_known_response_comes_back(result, truth):
+    assert rmse(result.calibration.responses[0], truth) < 0.02
+    assert rmse(result.passport.in_direction("forward")[0], truth) < 0.02
+    assert (result.passport.low <= result.passport.curves).all()
+    assert result.passport.camera
+    assert result.passport.created == "2026-01-31"
+
+
+def test_the_broken_file_is_named_and_the_rest_goes_on(result):
+    assert list(result.photographs) == [f"写真 {i}" for i in range(3)]
+    assert [problem.path.name for problem in result.problems] == ["broken.jpg"]
+
+
+def test_without_raw_files_the_chart_and_exif_do(folder, truth):
+    result = calibrate_chart(sorted(folder.glob("写真*.jpg")))
+    assert result.calibration.observations.absolute is False
+    np.testing.assert_allclose(
+        np.diff(result.calibration.observations.exposures[0]), np.diff(np.log2(EXPOSURES)), atol=0.02
+    )
+    assert rmse(result.calibration.responses[0], truth) < 0.05
+
+
+def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
+    jpegs = sorted(folder.glob("写真*.jpg"))
+    save_labels(tmp_path / "labels.json", {name: measured.corners for name, measured in result.measured.items()})
+    by_hand = calibrate_chart(jpegs, tmp_path / "labels.json", exposures=[15, 40, 110])
+    np.testing.assert_allclose(by_hand.calibration.observations.exposures[0], np.log2([15, 40, 110]))
+    with pytest.raises(InputError, match=r"exposures=\[1, 2\] do not fit the photographs 写真 0"):
+        calibrate_chart(jpegs, exposures=[1, 2])
+
+
+def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
+    with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller"):
+        calibrate_chart(tmp_path)
+    with pytest.raises(InputError, match=f"use one of {', '.join(CHOICES)}"):
+        calibrate_chart(tmp_path, model="magic")
+
+
+def test_raw_intensities_are_patches_times_exposures():
+    rng = np.random.default_rng(0)
+    light, exposure = rng.uniform(0.01, 0.4, 24), np.array([1.0, 2.0, 0.25])
+    raw = light * exposure[:, None]
+    clipped = rng.uniform(size=raw.shape) < 0.2
+    clipped[:, 3] = True
+    irradiance, stops = separate(np.where(clipped, 0.9, raw), clipped)
+    first = irradiance[0] / light[0]
+    measured = np.arange(24) != 3
+    np.testing.assert_allclose(irradiance[measured], first * light[measured], rtol=1e-3)
+    np.testing.assert_allclose(stops, np.log2(exposure), atol=2e-3)
+    assert irradiance[3] == 0.0
+
+
+def test_raw_and_chart_agree_on_a_neutral_camera(folder):
+    patches = chart_table(pair_photographs(sorted(folder.glob("写真*"))).pairs).patches
+    raw = observe_chart(patches)
+    chart = observe_chart(patches.assign(**{c: np.nan for c in patches if c.startswith("raw")}))
+    greys = slice(18, 23)
+    ratio = raw.reference[0, greys] / chart.reference[0, greys]
+    np.testing.assert_allclose(ratio / ratio.mean(), 1.0, atol=0.15)
+    with pytest.raises(InputError, match="no photograph with a chart"):
+        observe_chart(patches.iloc[:0])
+
+
+def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth):
+    paths = list(write_outputs(result, tmp_path))
+    names = {path.name for path in paths}
+    assert {"passport.json", "response.csv", "response.cube", "pcalib.txt", "report.html"} <= names
+    assert Passport.load(tmp_path / "passport.json").data_sha256 == digest(
+        [*result.photographs.values(), *(path.with_suffix(".dng") for path in result.photographs.values())]
+    )
+    for name in ("response.csv", "response.npy", "response.cube"):
+        assert rmse(read_response(tmp_path / name).in_direction("forward")[0], truth) < 0.02
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(InputError, match=r"exists already.*--force"):
+        list(write_outputs(result, tmp_path))
+    assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    list(write_outputs(result, tmp_path, overwrite=True))
+
+
+def test_the_report_asks_for_nothing_elsewhere(result, tmp_path):
+    list(write_outputs(result, tmp_path))
+    page = (tmp_path / "report.html").read_text()
+    assert not re.findall(r'(?:src|href)="(?!data:)', page)
+    assert page.count("<img alt=") == 3
+    assert "broken.jpg" in page
+
+
+def test_boxes_lie_where_the_corners_say():
+    corners = np.array([(0.1, 0.1), (0.9, 0.1), (0.9, 0.8), (0.1, 0.8)])
+    boxes = chart_boxes(corners)
+    assert boxes.shape == (N_PATCHES, 4, 2)
+    np.testing.assert_allclose([boxes[0, 0], boxes[5, 1], boxes[23, 2], boxes[18, 3]], corners, atol=1e-6)
+
+
+def run(*arguments):
+    command = [sys.executable, "-m", "crfbench.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_one_command_goes_from_files_to_passport(folder, tmp_path):
+    out = tmp_path / "out folder"
+    done = run("calibrate", folder, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert "left out: broken.jpg" in done.stderr
+    assert "measured from brightness" in done.stdout
+    assert json.loads((out / "passport.json").read_text())
+    again = run("calibrate", folder, "--out", out)
+    assert again.returncode == 2
+    assert "--force" in again.stderr
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="the system lets this user write anywhere")
+def test_a_read_only_folder_is_named(result, tmp_path):
+    tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    with pytest.raises(PermissionError):
+        list(write_outputs(result, tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(("--exposures", "a,b"), "numbers such as"), (("--model", "x"), "slr"), (("--chart", "no.json"), "no.json")],
+)
+def test_mistakes_are_one_sentence_and_status_2(folder, tmp_path, arguments, words):
+    done = run("calibrate", folder, "--out", tmp_path / "out", *arguments)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()

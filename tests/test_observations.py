@@ -1,0 +1,188 @@
+"""What observations refuse, with what words; what they derive from colours; part of them; and the shipped models."""
+
+import re
+import zipfile
+
+import numpy as np
+import pytest
+
+from crfbench.calibration import Observations
+from crfbench.errors import FormatError, InputError
+from crfbench.models import EMoR, Gamma, load_model, ready
+from crfbench.models.ready import LEARNED
+from crfbench.models.weights import shipped_weights
+from crfbench.resources import shipped
+
+BRIGHTNESS = np.array([[0.2, 0.4, 0.6], [0.3, 0.5, 0.7]])
+REFERENCE = np.array([1.0, 2.0, 3.0])
+
+
+def with_nan(values):
+    return np.where(np.arange(np.size(values)).reshape(np.shape(values)) == 1, np.nan, values)
+
+
+@pytest.mark.parametrize(
+    ("brightness", "others", "message"),
+    [
+        (np.empty((2, 0)), {"reference": []}, r"shape \(2, 0\).*\(images, patches\)"),
+        ([0.2, 0.4], {"reference": [1, 2]}, r"shape \(2,\).*\(images, patches\)"),
+        ([["dark", "light"]], {"reference": [1, 2]}, "brightness is not a table of numbers"),
+        (BRIGHTNESS[:, :1], {"reference": [1.0]}, "observations 0: 1; use 2 or more"),
+        (np.full((2, 3), 0.4), {"reference": REFERENCE}, "observations 0 have brightness 0.4; use patches that differ"),
+        (np.stack([BRIGHTNESS, 0 * BRIGHTNESS + 1]), {"reference": REFERENCE}, "observations 1: 0; use 2 or more"),
+        (BRIGHTNESS, {"reference": REFERENCE, "clipped": True}, "observations 0: 0; use 2 or more"),
+        (BRIGHTNESS, {"reference": REFERENCE, "weights": 0}, "observations 0: 0; use 2 or more"),
+        (with_nan(BRIGHTNESS), {"reference": REFERENCE}, r"brightness of shape \(2, 3\) holds NaN"),
+        (BRIGHTNESS, {"reference": with_nan(REFERENCE)}, r"reference of shape \(3,\) holds NaN"),
+        (BRIGHTNESS, {"exposures": [0, np.inf]}, r"exposures of shape \(2,\) holds NaN or infinite"),
+        (BRIGHTNESS, {"reference": [0, 1, 2]}, "reference runs from 0 to 2; use values above 0"),
+        (BRIGHTNESS, {"reference": [-1, 1, 2]}, "reference runs from -1 to 2; use values above 0"),
+        (BRIGHTNESS, {"reference": [1, 2, 1e40]}, r"to 1e\+40; .*to 1e\+30"),
+        (BRIGHTNESS, {"reference": REFERENCE, "reference_error": 0}, "reference_error runs from 0 to 0"),
+        (2 * BRIGHTNESS, {"reference": REFERENCE}, "brightness runs from 0.4 to 1.4; use values from 0 to 1"),
+        (-BRIGHTNESS, {"reference": REFERENCE}, "brightness runs from -0.7 to -0.2; use values from 0 to 1"),
+        (BRIGHTNESS, {"reference": [1, 2]}, r"reference has shape \(2,\).*use \(1, 3\)"),
+        (BRIGHTNESS, {"exposures": [0, 1, 2]}, r"exposures has shape \(3,\).*use \(1, 2\)"),
+        (BRIGHTNESS, {"exposures": [30, 4000]}, "exposures span 3970 stops; use stops, the base-2 logarithm"),
+        (BRIGHTNESS, {"reference": REFERENCE, "weights": [1, 2]}, r"weights has shape \(2,\).*use \(1, 2, 3\)"),
+        (BRIGHTNESS, {"reference": REFERENCE, "weights": [1, 2, -1]}, r"weights run from -1 to 2; use 0 to 1e\+06"),
+        (BRIGHTNESS, {"reference": REFERENCE, "weights": [1, 2, 1e9]}, r"weights run from 1 to 1e\+09"),
+        (BRIGHTNESS, {"reference": REFERENCE, "clipped": [True] * 2}, r"clipped has shape \(2,\)"),
+        (BRIGHTNESS, {}, "neither reference nor exposures are given; use one of them, or both"),
+        (BRIGHTNESS[:1], {"exposures": [0]}, "unclipped in 2 photographs; use more exposures"),
+    ],
+)
+def test_bad_input_is_refused_with_what_came_in(brightness, others, message):
+    with pytest.raises(InputError, match=message):
+        Observations(brightness, **others)
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4, 5, 3), (3,)])
+def test_colours_of_another_shape_are_refused(shape):
+    with pytest.raises(InputError, match=rf"rgb has shape {re.escape(str(shape))}"):
+        Observations.from_rgb(np.full(shape, 0.5), REFERENCE)
+
+
+def test_saturated_and_black_patches_are_clipped_by_default():
+    brightness = np.array([[0, 1 / 255, 0.5, 253.9 / 255, 254 / 255, 1]])
+    observations = Observations(brightness, np.arange(1, 7))
+    assert observations.clipped.tolist() == [[[True, False, False, False, True, True]]]
+    assert observations.counts.tolist() == [[[False, True, True, True, False, False]]]
+    weights = [1, 1, 0, 1, 1, 1]
+    assert Observations(brightness, np.arange(1, 7), weights=weights).counts.sum() == 2
+
+
+def test_one_set_is_a_batch_of_one():
+    one = Observations(BRIGHTNESS, REFERENCE, exposures=[0, 1])
+    assert len(one) == 1
+    assert one.brightness.shape == (1, 2, 3)
+    assert one.reference.shape == (1, 3)
+    assert one.exposures.shape == (1, 2)
+
+
+def test_taking_patches_keeps_all_that_belongs_to_them():
+    rng = np.random.default_rng(0)
+    brightness = rng.random((2, 3, 5))
+    parts = {
+        "clipped": rng.random((2, 3, 5)) < 0.2,
+        "weights": rng.random((2, 3, 5)),
+        "reference_error": rng.random((2, 5)) + 0.01,
+    }
+    reference = rng.random((2, 5)) + 0.1
+    chosen = [4, 0, 2]
+    taken = Observations(brightness, reference, [0, 1, 2], **parts).take(chosen)
+    again = Observations(
+        brightness[..., chosen],
+        reference[:, chosen],
+        [0, 1, 2],
+        **{name: values[..., chosen] for name, values in parts.items()},
+    )
+    for name in ("brightness", "reference", "exposures", "clipped", "weights", "reference_error"):
+        assert np.array_equal(getattr(taken, name), getattr(again, name))
+    assert Observations(brightness, None, [0, 1, 2]).take(chosen).reference is None
+
+
+def test_grey_patches_are_trusted_more_than_coloured_ones():
+    """A colour's mean of bent channels is off by what is added to the error of its reference."""
+    rgb = np.array([[[0.4, 0.4, 0.4], [0.6, 0.35, 0.25], [0.7, 0.7, 0.7]]])
+    observations = Observations.from_rgb(rgb, REFERENCE)
+    assert np.allclose(observations.brightness, [[[0.4, 0.4, 0.7]]])
+    grey, coloured, white = observations.reference_error[0]
+    assert grey == white == 0.05
+    linear = (rgb**2.2).mean(axis=-1)[0]
+    off = np.log(linear[1] / linear[0])
+    assert np.isclose(np.sqrt(coloured**2 - grey**2), off, rtol=0.2)
+    assert Observations.from_rgb(rgb, REFERENCE, reference_error=0.1).reference_error[0].tolist() == [0.1] * 3
+
+
+# --- the models that are shipped ready to calibrate with
+
+CLASSICAL = [("Gamma", 1), ("PPISP", 4), *((name, k) for name in ("Polynomial", "GGCM", "EMoR") for k in (1, 2, 3, 4))]
+NETWORKS = [name.rsplit("-", 2) for name in shipped_weights()]
+
+
+@pytest.mark.parametrize(
+    ("name", "k", "direction"),
+    [(name, k, direction) for name, k in CLASSICAL for direction in ("forward", "inverse")]
+    + [(f"SLR-{name}", int(k), direction) for name, k, direction in NETWORKS],
+)
+def test_every_shipped_model_loads_with_a_prior_of_plausible_curves(name, k, direction):
+    model = load_model(name, k, direction)
+    assert (model.n_params, model.direction) == (k, direction)
+    assert model.prior_.mean.shape == (k,)
+    assert (np.linalg.eigvalsh(model.prior_.covariance) > 0).all()
+    middle = model.decode(model.from_free(model.prior_.mean))
+    assert abs(middle[512] - (0.7 if direction == "forward" else 0.3)) < 0.2
+    assert middle[512] > middle[100]
+    assert middle[900] > middle[512]
+
+
+@pytest.mark.parametrize(
+    ("name", "k", "message"),
+    [
+        ("Spline", 3, "'Spline' with 3 parameters; use EMoR-1, .*GGCM-4, Gamma-1, PPISP-4, Polynomial-1"),
+        ("Gamma", 2, "'Gamma' with 2 parameters; use .*Gamma-1"),
+        ("EMoR", 5, "'EMoR' with 5 parameters; use .*EMoR-4"),
+        ("SLR-unheard", 1, "unheard-1-inverse.*ldl-1-inverse"),
+        ("SLR-ldl", 2, "ldl-2-inverse.*ldl-3-inverse"),
+    ],
+)
+def test_models_that_are_not_shipped_are_refused_with_a_list(name, k, message):
+    with pytest.raises(InputError, match=message):
+        load_model(name, k)
+    with pytest.raises(InputError, match="sideways"):
+        load_model(name, k, "sideways")
+
+
+@pytest.mark.parametrize("damage", ["truncated", "emptied", "bytes", "another archive"])
+def test_a_damaged_file_of_priors_is_told(damage, tmp_path, monkeypatch):
+    content = shipped(LEARNED).read_bytes()
+    path = tmp_path / "priors.npz"
+    if damage == "another archive":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("Gamma-1-inverse.mean.npy", b"none")
+    else:
+        half = len(content) // 2
+        path.write_bytes({"truncated": content[:half], "emptied": b"", "bytes": b"\0" * half}[damage])
+    monkeypatch.setattr(ready, "shipped", lambda name: path)
+    with pytest.raises(FormatError, match=r"dorf_priors\.npz is damaged.*install crfbench again"):
+        load_model("Gamma")
+
+
+@pytest.mark.dorf
+def test_shipped_priors_are_those_of_the_dorf_curves(dorf_curves):
+    for direction in ("forward", "inverse"):
+        curves = dorf_curves.in_direction(direction)
+        for name, k in CLASSICAL:
+            model = load_model(name, k, direction)
+            learned = type(model).from_curves(curves, k, direction).learn_prior(curves).prior_
+            scale = np.sqrt(np.diagonal(learned.covariance))
+            assert np.allclose(model.prior_.mean, learned.mean, atol=1e-3 * scale.max())
+            assert np.allclose(model.prior_.covariance, learned.covariance, rtol=1e-2, atol=1e-3 * scale.max() ** 2)
+        basis = EMoR.from_curves(curves, 4, direction)
+        assert np.allclose(load_model("EMoR", 4, direction).components_, basis.components_, atol=1e-6)
+        assert np.allclose(load_model("EMoR", 4, direction).mean_, basis.mean_, atol=1e-6)
+
+
+def test_a_prior_is_the_only_thing_learned_for_gamma():
+    assert np.array_equal(load_model("Gamma").decode([[2.0]]), Gamma("inverse").decode([[2.0]]))
