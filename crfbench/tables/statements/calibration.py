@@ -82,7 +82,7 @@ def significant(evidence: Evidence) -> Finding:
     """Compare the threshold with what a bootstrap over the cameras can tell apart."""
     rows = _accuracy(evidence).drop([_LDL])
     half = (rows["difference_high"] - rows["difference_low"]) / 2
-    why = "Half the width of the 95 % interval of a paired difference over 14 cameras: 0.005 is below most of them."
+    why = "Half the width of the 95 % interval of a paired difference over 14 cameras, median over the rows."
     spread = f"{half.min():.3f} to {half.max():.3f} (12 rows)"
     holds = half.median() <= SIGNIFICANT_RMSE
     return judged(ours=f"{half.median():.3f}", how=_CALIBRATION, holds=bool(holds), why=why, spread=spread)

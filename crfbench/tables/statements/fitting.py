@@ -69,7 +69,7 @@ def ten_folds_unseen(evidence: Evidence) -> Finding:
     emor = _means(evidence, "grouped-5fold")["EMoR-PCA", 1]
     slr = evidence.held_out.query("model == 'SLR-ldl' and n_params == 1 and direction == 'forward'")["mean_rmse"]
     ratio = emor / slr
-    why = "EMoR with one component over SLR, grouped folds: better on unseen curves too, by less."
+    why = "EMoR with one component over SLR, curves of grouped folds that neither learned from."
     spread = f"{ratio.min():.2f} to {ratio.max():.2f} ({len(ratio)} seeds)"
     return judged(ours=f"{emor / slr.mean():.1f} times", how=_FITTING, holds=ratio.mean() > 10, why=why, spread=spread)
 
