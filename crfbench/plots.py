@@ -169,7 +169,8 @@ def plot_coverage(tables: Mapping[str, pd.DataFrame], ax: Axes | None = None) ->
     ax.axvspan(0.85, 0.95, color="0.9", label="calibrated: 0.85 to 0.95")
     for (label, table), colour, marker in zip(tables.items(), PALETTE, _MARKERS, strict=False):
         rows = table[table["coverage"].notna()]
-        names = rows["model"] + " " + rows["constraint"] + " " + rows["n_params"].astype(str)
+        keys = rows[["model", "constraint", "n_params"]].itertuples(index=False)
+        names = [" ".join(map(str, filter(None, key))) for key in keys]
         ax.plot(rows["coverage"], range(len(rows)), ls="", color=colour, marker=marker, label=label)
         ax.set_yticks(range(len(rows)), names)
     ax.set(xlabel="share of held-out RAW inside the 90 % band", xlim=(0, 1))
