@@ -12,6 +12,7 @@ Objective = Callable[[Array, np.ndarray], tuple[Array, Array, Array]]
 
 _CHUNK = 128  # problems solved together: their arrays fit in the processor's cache
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e10
+_SMALLEST_STEP = 1e-8  # of a parameter, about 1 or else relative; at a kink no step gets better, only smaller
 
 
 def normal_equations(residual: Array, jacobian: Array) -> tuple[Array, Array, Array]:
@@ -35,7 +36,7 @@ def levenberg_marquardt(
     start : ndarray, shape (n, k)
     max_steps : int
     tolerance : float
-        A problem is done when a step changes its cost by no more than this share.
+        A problem is done when a step changes its cost by no more than this share, or hardly moves.
 
     Returns
     -------
@@ -62,10 +63,12 @@ def _solve(
     damping = np.full(len(params), _FIRST_DAMPING)
     active = np.arange(len(params))
     for _ in range(max_steps):
-        trial = params[active] - _damped_step(normal[active], gradient[active], damping[active])
+        step = _damped_step(normal[active], gradient[active], damping[active])
+        trial = params[active] - step
         trial_cost, trial_normal, trial_gradient = objective(trial, rows[active])
         better = trial_cost < cost[active]  # False for NaN, so a step into nowhere is refused
         settled = np.abs(trial_cost - cost[active]) <= tolerance * cost[active]
+        settled |= (np.abs(step) <= _SMALLEST_STEP * (1.0 + np.abs(trial))).all(axis=1)
         moved = active[better]
         params[moved], cost[moved] = trial[better], trial_cost[better]
         normal[moved], gradient[moved] = trial_normal[better], trial_gradient[better]

@@ -6,13 +6,13 @@ import numpy as np
 
 from crfbench.calibration.alignment import AlignedLoss
 from crfbench.calibration.bands import Belief, drawn_belief, exact_belief
-from crfbench.calibration.likelihood import Likelihood, Noise
+from crfbench.calibration.likelihood import Noise
 from crfbench.calibration.observations import Observations
 from crfbench.calibration.optimise import descend, minimise
 from crfbench.calibration.posterior import Posterior
 from crfbench.calibration.result import LEVELS, Calibration
 from crfbench.calibration.table import Table, decode_table
-from crfbench.curves import Array, evaluate
+from crfbench.curves import Array
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 
@@ -125,9 +125,9 @@ def _result(
         model,
         method,
         observations,
+        noise,
         params,
         curves,
-        _residuals(curves, observations, noise),
         np.stack([np.nanmin(measured, axis=(1, 2)), np.nanmax(measured, axis=(1, 2))], axis=1),
         _warnings(model, observations, free, belief),
         time.perf_counter() - began,
@@ -135,19 +135,6 @@ def _result(
         belief,
         bands,
     )
-
-
-def _residuals(curves: Array, observations: Observations, noise: Noise) -> Array:
-    """Return log residuals (n, e, p) at the exposures that fit best, and without a reference the irradiances too."""
-    likelihood, rows = Likelihood(observations, noise), slice(None)
-    brightness = observations.brightness
-    g = evaluate(curves, brightness.reshape(len(curves), -1)).reshape(*brightness.shape, 1)
-    d = likelihood.residual(g, rows)
-    d = (d - likelihood.squares(d, rows)[1][:, :, None])[..., 0]
-    if observations.reference is None:
-        counted = likelihood.precision
-        d = d - ((counted * d).sum(axis=1) / np.maximum(counted.sum(axis=1), 1e-300))[:, None]
-    return np.asarray(d)
 
 
 def _warnings(

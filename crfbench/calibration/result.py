@@ -1,13 +1,15 @@
 """What a calibration gives."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crfbench.calibration.bands import Belief
+from crfbench.calibration.likelihood import Likelihood, Noise
 from crfbench.calibration.observations import Observations
-from crfbench.curves import GRID, Array, invert, repair
+from crfbench.curves import GRID, Array, evaluate, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 
@@ -27,12 +29,12 @@ class Calibration:
     model : ResponseModel
     method : str
     observations : Observations
+    noise : Noise
+        What `residuals` are weighed with.
     params : ndarray, shape (n, k)
         The best by the method's own measure.
     curves : ndarray, shape (n, 1024)
         Inverse responses (brightness to irradiance): of `params`, or with method "posterior" the posterior mean.
-    residuals : ndarray, shape (n, e, p)
-        Log irradiance of each patch less what reference and exposure tell; 0.05 is 5 % too bright.
     brightness_range : ndarray, shape (n, 2)
         Least and greatest brightness measured; beyond, the model and its prior speak alone.
     warnings : tuple of tuples of str
@@ -51,9 +53,9 @@ class Calibration:
     model: ResponseModel
     method: str
     observations: Observations
+    noise: Noise
     params: Array
     curves: Array
-    residuals: Array
     brightness_range: Array
     warnings: tuple[tuple[str, ...], ...]
     seconds: float
@@ -63,6 +65,22 @@ class Calibration:
 
     def __len__(self) -> int:
         return len(self.params)
+
+    @cached_property
+    def residuals(self) -> Array:
+        """Log irradiance of each patch less what reference and exposure tell, (n, e, p); 0.05 is 5 % too bright.
+
+        At the exposures that fit best, and without a reference at the irradiances that do.
+        """
+        likelihood, rows = Likelihood(self.observations, self.noise), slice(None)
+        brightness = self.observations.brightness
+        g = evaluate(self.curves, brightness.reshape(len(self), -1)).reshape(*brightness.shape, 1)
+        d = likelihood.residual(g, rows)
+        d = (d - likelihood.squares(d, rows)[1][:, :, None])[..., 0]
+        if self.observations.reference is None:
+            counted = likelihood.precision
+            d = d - ((counted * d).sum(axis=1) / np.maximum(counted.sum(axis=1), 1e-300))[:, None]
+        return np.asarray(d)
 
     @property
     def responses(self) -> Array:
