@@ -13,8 +13,8 @@ import pytest
 from crfbench.camera import CHOICES, calibrate_chart, write_outputs
 from crfbench.camera.files import digest
 from crfbench.camera.observing import observe_chart, separate
-from crfbench.camera.page import chart_boxes
 from crfbench.charts import chart_table, pair_photographs, save_labels
+from crfbench.charts.geometry import chart_boxes
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
