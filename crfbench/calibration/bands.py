@@ -76,7 +76,8 @@ def drawn_belief(posterior: Posterior, model: ResponseModel, best: Array, seed: 
     root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(curved)), 1, 2) * _WIDER
     normal = np.random.default_rng(seed).normal(size=(n, _DRAWS, k))
     free = best[:, None] + normal @ np.swapaxes(root, 1, 2)
-    curves = model.decode_float32(model.from_free(free.reshape(-1, k))).reshape(n, _DRAWS, -1)
+    # Irradiance lies in [0, 1]; a draw of an unbounded model that leaves it must not rule the mean.
+    curves = np.clip(model.decode_float32(model.from_free(free.reshape(-1, k))), 0.0, 1.0).reshape(n, _DRAWS, -1)
     at = posterior.brightness.reshape(n, 1, -1)
     irradiance = np.swapaxes(evaluate(curves, at), 1, 2).reshape(*posterior.brightness.shape, _DRAWS)
     off = np.linalg.solve(np.linalg.cholesky(prior.covariance), (free - prior.mean).reshape(-1, k).T)

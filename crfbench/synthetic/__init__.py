@@ -1,6 +1,7 @@
-"""Photographs of a colour chart that no camera took: everything about them is known, so that methods can be checked."""
+"""Photographs that no camera took: everything about them is known, so that methods can be checked."""
 
+from crfbench.synthetic.exposures import ExposureSeries, render_series
 from crfbench.synthetic.photographs import write_pair
 from crfbench.synthetic.scenes import Scene, render_chart
 
-__all__ = ["Scene", "render_chart", "write_pair"]
+__all__ = ["ExposureSeries", "Scene", "render_chart", "render_series", "write_pair"]

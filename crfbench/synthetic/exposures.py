@@ -1,0 +1,90 @@
+"""Render an exposure series of a static scene before a camera: radiance of known value, and 8-bit photographs of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.curves import Array, as_valid_curves, evaluate
+from crfbench.errors import InputError
+
+_REGIONS = 80
+_SHADING, _COLOUR = 1.0, 0.3  # natural logarithms: of the smooth change inside regions, and between channels
+
+
+@dataclass(frozen=True, eq=False)
+class ExposureSeries:
+    """One rendered series and the truth about it.
+
+    Parameters
+    ----------
+    images : tuple of ndarray of uint8, each of shape (height, width, 3)
+    stops : ndarray, shape (e,)
+        Exposure of each image in stops.
+    radiance : ndarray, shape (height, width, 3)
+        In units of what fills full scale at 0 stops.
+    """
+
+    images: tuple[NDArray[np.uint8], ...]
+    stops: Array
+    radiance: Array
+
+
+def render_series(
+    response: ArrayLike,
+    seed: int = 0,
+    *,
+    size: tuple[int, int] = (480, 320),
+    stops: Sequence[float] = (-2.0, -1.0, 0.0, 1.0, 2.0),
+    decades: float = 3.5,
+    full_well: float = 20_000.0,
+    read_noise: float = 0.001,
+) -> ExposureSeries:
+    """Photograph random regions of smooth shading and moderate colour, whose radiance spans some decades.
+
+    Parameters
+    ----------
+    response : array_like, shape (1024,)
+        Forward response from irradiance to brightness, the same in all channels.
+    seed : int
+        Chooses the scene and the noise.
+    size : tuple of int
+        Width and height in pixels.
+    stops : sequence of float
+        Exposures; the middle of the range shows the brightest region just at full scale.
+    decades : float
+        From the darkest region to the brightest, uniform in the logarithm.
+    full_well, read_noise : float
+        As in `crfbench.synthetic.render_chart`.
+
+    Raises
+    ------
+    InputError
+        For a response that is no valid curve, or no pixels.
+    """
+    if min(size) < 1:
+        raise InputError(f"size={size} cannot be rendered; use 1 pixel or more a side")
+    curve = as_valid_curves(response)[0]
+    rng = np.random.default_rng(seed)
+    exposures = np.asarray(stops, dtype=np.float64)
+    radiance = _radiance(rng, size, decades) * 2.0 ** -(exposures.min() + exposures.max())
+    images = []
+    for light in 2.0 ** exposures[:, None, None, None] * radiance:
+        noise = rng.standard_normal(light.shape) * np.sqrt(light / full_well + read_noise**2)
+        levels = 255.0 * evaluate(curve, (light + noise).ravel())
+        images.append(np.rint(levels).astype(np.uint8).reshape(light.shape))
+    return ExposureSeries(tuple(images), exposures, radiance)
+
+
+def _radiance(rng: np.random.Generator, size: tuple[int, int], decades: float) -> Array:
+    import cv2
+    from scipy.spatial import KDTree
+
+    width, height = size
+    pixels = np.stack(np.meshgrid(np.arange(width) / width, np.arange(height) / height), axis=-1)
+    region = KDTree(rng.uniform(size=(_REGIONS, 2))).query(pixels)[1]
+    level = np.log(10.0) * decades * np.linspace(-1.0, 0.0, _REGIONS)[region]
+    shading = cv2.resize(rng.uniform(-_SHADING, 0.0, (5, 7)), size, interpolation=cv2.INTER_CUBIC)
+    colour = rng.uniform(-_COLOUR, _COLOUR, (_REGIONS, 3))[region]
+    return np.exp((level + shading)[..., None] + colour)

@@ -1,0 +1,383 @@
+"""Exposure series: known responses are recovered, merges are exact where they can be, files read back elsewhere."""
+
+import struct
+import tracemalloc
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from crfbench.curves import GRID, invert
+from crfbench.datasets import load_opencrf
+from crfbench.errors import InputError
+from crfbench.metrics import rmse
+from crfbench.models import load_model
+from crfbench.passport import Passport
+from crfbench.series import calibrate_series, merge_series, read_series, sample_series, write_hdr
+from crfbench.synthetic import render_series
+
+SIZE = (240, 160)
+GAMMA = GRID ** (1 / 2.2)
+
+
+def scaled_rmse(curve, truth):
+    """Compare up to the scale, which exposures do not tell, where the camera is neither black nor saturated."""
+    curve, truth = curve[4:1016], truth[4:1016]
+    return float(rmse((curve * truth).sum() / (curve**2).sum() * curve, truth))
+
+
+@pytest.mark.parametrize("row", [3, 60, 120, 148])
+def test_recovers_known_responses(row):
+    response = load_opencrf().curves[row]
+    series = render_series(response, row, size=SIZE)
+    found = calibrate_series(series.images, series.stops, load_model("PPISP", 4))
+    truth = invert(response)
+    assert scaled_rmse(found.curves[0], truth) < 0.015
+    low, high = found.bands[0.9]
+    assert ((truth >= low[0]) & (truth <= high[0])).mean() > 0.5
+
+
+@pytest.mark.parametrize("latent", [-0.8, 0.6])
+@pytest.mark.parametrize("method", ["posterior", "map"])
+def test_default_model_recovers_its_own_curves(latent, method):
+    truth = load_model("SLR-monotone", 1).decode([[latent]])[0]
+    series = render_series(invert(truth), 1, size=SIZE)
+    found = calibrate_series(series.images, series.stops, method=method)
+    assert scaled_rmse(found.curves[0], truth) < 0.01
+
+
+def test_each_channel_has_its_own_curve():
+    series = render_series(GAMMA, 2, size=SIZE)
+    gammas = (1.4, 1.0, 0.7)  # beyond 2.2, channel by channel
+    images = [
+        np.rint(255 * (image / 255.0) ** np.array([1 / gamma for gamma in gammas])).astype(np.uint8)
+        for image in series.images
+    ]
+    found = calibrate_series(images, series.stops, load_model("PPISP", 4), per_channel=True)
+    assert found.curves.shape == (3, 1024)
+    for curve, gamma in zip(found.curves, gammas, strict=True):
+        assert scaled_rmse(curve, GRID ** (2.2 * gamma)) < 0.02
+
+
+def test_a_pixel_of_misalignment_does_little_harm():
+    series = render_series(GAMMA, 3, size=SIZE)
+    moved = [np.roll(image, (i % 2, i // 2 % 2), axis=(0, 1)) for i, image in enumerate(series.images)]
+    found = calibrate_series(moved, series.stops, load_model("PPISP", 4))
+    assert scaled_rmse(found.curves[0], GRID**2.2) < 0.02
+
+
+def test_samples_cover_the_range_and_are_measured_twice():
+    series = render_series(GAMMA, 4, size=SIZE)
+    seen = sample_series(series.images, series.stops, n=128, seed=1)
+    measured = seen.brightness[seen.counts]
+    assert seen.brightness.shape[2] <= 128
+    assert (seen.counts.sum(axis=1) >= 2).all()
+    assert np.histogram(measured, bins=10, range=(0, 1))[0].min() >= 10
+    same, other = (sample_series(series.images, series.stops, n=128, seed=seed) for seed in (1, 2))
+    np.testing.assert_array_equal(seen.brightness, same.brightness)
+    assert not np.array_equal(seen.brightness, other.brightness)
+
+
+def test_samples_are_true_block_means():
+    """Every block is uniform, so that what is sampled must be one of the levels that were painted."""
+    rng = np.random.default_rng(0)
+    light = np.repeat(np.repeat(rng.integers(1, 60, (20, 20)), 5, axis=0), 5, axis=1)
+    images = [(light * factor).astype(np.uint16) * 256 for factor in (1, 2, 4)]
+    seen = sample_series(images, [0, 1, 2])
+    first, second, third = seen.brightness[0] * 65535 / 256
+    assert len(np.unique(first.round(3))) > 50
+    np.testing.assert_allclose([second, third], [2 * first, 4 * first], rtol=1e-6)
+    np.testing.assert_allclose(first, first.round(), atol=1e-6)
+
+
+def test_merge_of_linear_photographs_is_exact():
+    base = np.random.default_rng(0).integers(1, 2**12, (40, 30, 3))
+    stops = np.array([-1.0, 0.0, 2.0, 4.0])
+    images = [np.minimum(base * 2.0 ** (stop + 1), 65535).astype(np.uint16) for stop in stops]
+    merged = merge_series(images, stops, GRID)
+    assert merged.radiance.dtype == np.float32
+    np.testing.assert_allclose(merged.radiance, base * 2 / 65535, rtol=2e-6)
+    assert merged.weight.shape == (40, 30)
+    assert (merged.weight > 0).all()
+
+
+def test_merge_weighs_by_inverse_variance():
+    """For a linear camera a level b has the relative variance (noise / b)^2."""
+    images, noise = [np.uint8([[51]]), np.uint8([[120]])], 0.01
+    precision = np.array([51, 120]) ** 2 / (255 * noise) ** 2
+    merged = merge_series(images, [0, 1], GRID, noise=noise)
+    expected = precision @ (np.array([51, 60]) / 255) / precision.sum()
+    np.testing.assert_allclose(merged.radiance, expected, rtol=1e-5)
+    np.testing.assert_allclose(merged.weight, precision.sum(), rtol=1e-4)
+
+
+def test_band_adds_its_own_variance():
+    """Half a band of 90 % is 1.645 standard deviations."""
+    half, noise = 0.2 * GRID * (1 - GRID), 0.01
+    passport = Passport("inverse", GRID, low=GRID - half, high=GRID + half, level=0.9)
+    merged = merge_series([np.uint8([[51]]), np.uint8([[102]])], [0, 1], passport, noise=noise)
+    b = np.array([0.2, 0.4])
+    variance = (0.2 * (1 - b) / 1.645) ** 2 + (noise / b) ** 2
+    np.testing.assert_allclose(merged.weight, (1 / variance).sum(), rtol=1e-3)
+
+
+def test_calibration_and_passports_merge_alike():
+    series = render_series(GAMMA, 5, size=(60, 40))
+    found = calibrate_series(series.images, series.stops)
+    curves, (low, high) = found.curves[0], (band[0] for band in found.bands[0.9])
+    forward = invert(curves)
+    for alike in (
+        [found, Passport("inverse", curves, low=low, high=high, level=0.9)],
+        [invert(forward), Passport("forward", forward), Passport("inverse", invert(forward))],
+    ):
+        first, *others = (merge_series(series.images, series.stops, response) for response in alike)
+        for other in others:
+            np.testing.assert_allclose(other.radiance, first.radiance, rtol=1e-5)
+            np.testing.assert_allclose(other.weight, first.weight, rtol=1e-5)
+
+
+def test_clipped_everywhere_weighs_nothing_and_takes_the_nearest_end():
+    low, high = np.full((2, 2, 3), 100, np.uint8), np.full((2, 2, 3), 200, np.uint8)
+    low[0, 0], high[0, 0] = 255, 255
+    low[0, 1], high[0, 1] = 0, 0
+    low[1, 0, 1], high[1, 0, 1] = 0, 255  # one channel jumps from black to white
+    merged = merge_series([low, high], [-1, 0], GRID)
+    assert (merged.weight > 0).tolist() == [[False, False], [False, True]]
+    assert merged.radiance[0, 0].tolist() == [2.0, 2.0, 2.0]
+    assert merged.radiance[0, 1].tolist() == [0.0, 0.0, 0.0]
+    assert merged.radiance[1, 0, 1] == 1.0
+
+
+def test_merged_radiance_is_near_the_truth():
+    series = render_series(GAMMA, 6, size=SIZE)
+    found = calibrate_series(series.images, series.stops, load_model("PPISP", 4))
+    merged = merge_series(series.images, series.stops, found)
+    known = merged.weight > 0
+    ratio = merged.radiance[known] / series.radiance[known]
+    assert known.mean() > 0.6
+    assert np.median(np.abs(ratio / np.median(ratio) - 1)) < 0.04
+
+
+SERIES = st.tuples(
+    st.tuples(st.integers(1, 30), st.integers(1, 30)),
+    st.lists(st.integers(-12, 12), min_size=2, max_size=5, unique=True),
+    st.sampled_from([np.uint8, np.uint16]),
+    st.sampled_from([(), (3,)]),
+    st.integers(0, 2**31),
+)
+
+
+def random_images(size, stops, dtype, channels, seed):
+    rng = np.random.default_rng(seed)
+    return [rng.integers(np.iinfo(dtype).max, size=(*size, *channels), dtype=dtype, endpoint=True) for _ in stops]
+
+
+@given(SERIES, st.integers(-5, 5))
+@settings(max_examples=60, deadline=None)
+def test_merge_keeps_order_unit_and_pixels_apart(case, shift):
+    size, stops, *_ = case
+    images = random_images(*case)
+    whole = merge_series(images, stops, GRID**2)
+    assert whole.radiance.shape == images[0].shape
+    assert whole.weight.shape == size
+    assert np.isfinite(whole.radiance).all()
+    shifted = merge_series(images, np.add(stops, shift), GRID**2)
+    np.testing.assert_allclose(shifted.radiance, whole.radiance / 2.0**shift, rtol=1e-6)
+    turned = merge_series(images[::-1], stops[::-1], GRID**2)
+    np.testing.assert_allclose(turned.radiance, whole.radiance, rtol=1e-5)
+    row = size[0] // 2
+    alone = merge_series([image[row : row + 1] for image in images], stops, GRID**2)
+    np.testing.assert_array_equal(alone.radiance[0], whole.radiance[row])
+    np.testing.assert_array_equal(alone.weight[0], whole.weight[row])
+
+
+@given(SERIES)
+@settings(max_examples=60, deadline=None)
+def test_sampling_gives_observations_or_one_clear_error(case):
+    try:
+        seen = sample_series(random_images(*case), case[1])
+    except InputError as error:
+        assert "use" in str(error)  # noqa: PT017
+    else:
+        assert (seen.counts.sum(axis=1) >= 2).all()
+        assert seen.brightness.shape[1] == len(case[1])
+
+
+def test_merging_needs_little_memory_beside_its_result():
+    images = [np.full((1500, 2000, 3), level, np.uint8) for level in (50, 90, 130, 200)]
+    merge_series([image[:10] for image in images], range(4), GRID)
+    tracemalloc.start()
+    merged = merge_series(images, range(4), GRID)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < merged.radiance.nbytes + merged.weight.nbytes + 40e6
+
+
+FLAT = np.full((20, 20, 3), 90, np.uint8)
+STEEP = [np.full((20, 20, 3), level, np.uint8) for level in (60, 120)]
+
+
+@pytest.mark.parametrize(
+    ("images", "stops", "message"),
+    [
+        (STEEP[:1], [0], "has 1 images; use two or more"),
+        ([], [], "has 0 images"),
+        ([STEEP[0], STEEP[1][:10]], [0, 1], r"image 1 uint8 \(10, 20, 3\); use images of one size"),
+        ([STEEP[0], STEEP[1].astype(np.uint16)], [0, 1], "image 1 uint16"),
+        ([FLAT / 255] * 2, [0, 1], "image 0 is float64"),
+        ([FLAT[..., :2]] * 2, [0, 1], r"shape \(20, 20, 2\)"),
+        ([FLAT * 0, FLAT * 0 + 255], [0, 1], "none of 48 blocks is unclipped in two exposures"),
+        ([FLAT, FLAT], [0, 1], "brightness changes by 0 where exposure rises"),
+        (STEEP, [1, 0], "brightness changes by -0.235"),
+        (STEEP, None, "exposures are missing; use 2 numbers in stops"),
+        (STEEP, [1, 1], "span 0 stops; use unequal ones"),
+        (STEEP, [0, 1, 2], "do not fit 2 images"),
+        (STEEP, [0, np.nan], "do not fit 2 images"),
+        (STEEP, [0, 1000], "span 1000 stops"),
+        (STEEP, "exif", "are no numbers"),
+    ],
+)
+def test_what_cannot_be_sampled(images, stops, message):
+    with pytest.raises(InputError, match=message):
+        sample_series(images, stops)
+
+
+def test_too_few_samples_are_refused():
+    with pytest.raises(InputError, match="n=31 samples"):
+        sample_series(STEEP, [0, 1], n=31)
+
+
+@pytest.mark.parametrize(
+    ("response", "noise", "message"),
+    [
+        (np.tile(GRID, (2, 1)), 0.01, "2 curves do not fit images of 3 channels"),
+        (GRID[::-1], 0.01, "falls"),
+        (GRID, 0.0, "noise=0.0 does not fit"),
+        (GRID, np.nan, "noise=nan does not fit"),
+    ],
+)
+def test_what_cannot_be_merged(response, noise, message):
+    with pytest.raises(InputError, match=message):
+        merge_series(STEEP, [0, 1], response, noise=noise)
+
+
+def read_exr(content):
+    """Read an RGB float EXR of scan lines with ZIP compression, after the file layout of the OpenEXR documentation."""
+    assert content[:4] == b"\x76\x2f\x31\x01"
+    at, attributes = 8, {}
+    while content[at]:
+        name, kind = content[at:].split(b"\0", 2)[:2]
+        at += len(name) + len(kind) + 6
+        (size,) = struct.unpack_from("<i", content, at - 4)
+        attributes[name] = content[at : at + size]
+        at += size
+    left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
+    assert attributes[b"compression"] == b"\3"
+    assert attributes[b"channels"].startswith(b"B\0")  # then G, R: sorted by name
+    width, height = right - left + 1, bottom - top + 1
+    offsets = struct.unpack_from(f"<{-(-height // 16)}Q", content, at + 1)
+    lines = []
+    for offset in offsets:
+        (size,) = struct.unpack_from("<i", content, offset + 4)
+        lines.append(unpacked(content[offset + 8 : offset + 8 + size], width, min(16, height - 16 * len(lines))))
+    return np.concatenate(lines)[..., ::-1]
+
+
+def unpacked(part, width, rows):
+    """Undo deflate, the differences and the split in even and odd bytes of one block of lines."""
+    size = 12 * width * rows
+    if len(part) < size:
+        steps = np.frombuffer(zlib.decompress(part), np.uint8).astype(np.int64)
+        steps[1:] -= 128
+        whole = (np.cumsum(steps) % 256).astype(np.uint8)
+        part = np.empty(size, np.uint8)
+        part[::2], part[1::2] = whole[: -(-size // 2)], whole[-(-size // 2) :]
+    return np.frombuffer(bytes(part), "<f4").reshape(rows, 3, width).transpose(0, 2, 1)
+
+
+RADIANCE = np.float32(10.0) ** np.random.default_rng(0).uniform(-4, 4, (37, 21, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("image", [RADIANCE, np.tile(np.float32([0.25, 0.5, 1e6]), (20, 50, 1))])
+def test_files_read_back_exactly_elsewhere(tmp_path, image):
+    for name in ("a.exr", "a.tif", "b.TIFF"):
+        write_hdr(tmp_path / name, image)
+    np.testing.assert_array_equal(read_exr((tmp_path / "a.exr").read_bytes()), image)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), image)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "b.TIFF"), image)
+
+
+def test_radiance_files_keep_eight_bits(tmp_path):
+    write_hdr(tmp_path / "a.hdr", RADIANCE)
+    back = cv2.imread(tmp_path / "a.hdr", cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert (np.abs(back - RADIANCE).max(axis=2) <= RADIANCE.max(axis=2) / 128).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "message"),
+    [
+        ("a.png", RADIANCE, "tells no format; let it end in one of .exr"),
+        ("a.exr", RADIANCE[..., 0], r"shape \(37, 21\)"),
+        ("a.exr", RADIANCE[:0], r"shape \(0, 21, 3\)"),
+        ("a.exr", -RADIANCE, "negative"),
+        ("a.exr", RADIANCE * np.nan, "not finite"),
+        ("a.exr", [["x"]], "numbers of shape"),
+    ],
+)
+def test_what_cannot_be_written(tmp_path, name, image, message):
+    with pytest.raises(InputError, match=message):
+        write_hdr(tmp_path / name, image)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.tif", "a.hdr"])
+def test_nothing_is_replaced_unasked(tmp_path, name):
+    (tmp_path / name).write_bytes(b"mine")
+    with pytest.raises(InputError, match="exists already"):
+        write_hdr(tmp_path / name, RADIANCE)
+    assert (tmp_path / name).read_bytes() == b"mine"
+    write_hdr(tmp_path / name, RADIANCE, overwrite=True)
+    assert len((tmp_path / name).read_bytes()) > 1000
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def save_photograph(path, seconds):
+    exif = Image.Exif()
+    if seconds:
+        exif.get_ifd(0x8769).update({0x829A: seconds, 0x829D: 8.0, 0x8827: 200})
+    Image.fromarray(FLAT).save(path, exif=exif)
+
+
+def test_read_series_by_exif_reports_what_it_leaves_out(tmp_path):
+    for name, seconds in (("1.jpg", 0.01), ("2.jpg", 0.04), ("3.jpg", None), ("5.JPEG", 0.16)):
+        save_photograph(tmp_path / name, seconds)
+    (tmp_path / "4.jpg").write_bytes(b"no photograph")
+    series = read_series([tmp_path / name for name in ("1.jpg", "2.jpg", "3.jpg", "4.jpg", "5.JPEG", "6.jpg")])
+    np.testing.assert_allclose(series.stops, [0, 2, 4], atol=1e-6)
+    assert len(series.images) == 3
+    np.testing.assert_allclose(series.images[2].astype(float), FLAT, atol=1)
+    assert [problem.path.name for problem in series.problems] == ["3.jpg", "4.jpg", "6.jpg"]
+    assert "does not tell time, f-number and ISO speed" in series.problems[0].reason
+
+
+def test_read_series_keeps_every_level_of_16_bits(tmp_path):
+    image = np.arange(65536, dtype=np.uint16).reshape(128, 512)
+    image = np.stack([image, image.T.reshape(128, 512), image[::-1]], axis=2)
+    for name in ("1.png", "2.tif"):
+        cv2.imwrite(str(tmp_path / name), image[..., ::-1])
+    (tmp_path / "0.png").touch()
+    series = read_series([tmp_path / "0.png", tmp_path / "1.png", tmp_path / "2.tif"], [9.0, 0.5, 0.125])
+    assert series.stops.tolist() == [0.0, -2.0]
+    for read in series.images:
+        np.testing.assert_array_equal(read, image)
+
+
+@pytest.mark.parametrize("exposures", [[1.0], [1.0, 0.0], [1.0, np.inf], "guess", ["a", "b"]])
+def test_times_that_do_not_fit(exposures):
+    with pytest.raises(InputError, match="do not fit"):
+        read_series(["1.jpg", "2.jpg"], exposures)
