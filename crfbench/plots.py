@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_MOST_DOTS = 300  # that are told apart at full size: smaller ones leave the curve to be seen
 _PICTURE_WIDTH = 900  # pixels; more make a figure heavy and show no more
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
@@ -145,8 +146,10 @@ def plot_linearised(jpeg: ArrayLike, linear: ArrayLike, patches: pd.DataFrame) -
     for ax, picture, title in zip(axes, (jpeg, linear), ("JPEG: brightness", "linearised: irradiance"), strict=False):
         _show_picture(ax, np.asarray(picture))
         ax.set_title(title)
-    for column, colour, marker in (("jpeg", "0.6", "s"), ("linear", PALETTE[0], "o")):
-        axes[2].scatter(patches["raw"], patches[column], s=10, color=colour, marker=marker, label=column)
+    looks = {"jpeg": ("JPEG", "0.6", "s"), "linear": ("linearised", PALETTE[0], "o")}
+    for column, (label, colour, marker) in looks.items():
+        axes[2].scatter(patches["raw"], patches[column], s=10, color=colour, marker=marker, label=label)
+    axes[2].plot([0, 1], [0, 1], color="0.6", lw=0.8, ls=":", zorder=0)
     axes[2].set(xlabel="RAW (share of full scale)", ylabel="share of full scale", xlim=(0, 1), ylim=(0, 1))
     axes[2].set(aspect="equal", title="patches against RAW")
     axes[2].legend(fontsize="small")
@@ -182,9 +185,11 @@ def plot_calibration(
         label = f"{100 * level:.0f} % of the posterior"
         ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
     ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{result.model.name}, {result.method}")
-    ax.scatter(*result.dots(index), s=10, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
-    for (name, curve), style in zip((beside or {}).items(), _STYLES[1:], strict=False):
-        ax.plot(GRID, np.asarray(curve), color=PALETTE[-1], ls=style, label=name, zorder=4)
+    brightness, irradiance = result.dots(index)
+    size = 10 if len(brightness) <= _MOST_DOTS else 2
+    ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
+    for (name, curve), colour, style in zip((beside or {}).items(), PALETTE[::-1], _STYLES[1:], strict=False):
+        ax.plot(GRID, np.asarray(curve), color=colour, ls=style, label=name, zorder=4)
     _unit_square(ax, "inverse")
     ax.legend(loc="upper left", fontsize="small")
     return ax

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crfbench.calibration import Calibration
 from crfbench.camera.files import CameraCalibration
 from crfbench.charts import SafeReader, read_image
 from crfbench.plots import plot_calibration, plot_chart, plot_residuals
