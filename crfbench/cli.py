@@ -130,7 +130,10 @@ def calibrate(
     source: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the files.")],
     chart: Annotated[str, typer.Option(help="auto, none (an exposure series), or a file of labels")] = "auto",
     exposures: Annotated[str, typer.Option(help="exif, or exposure times such as 1,2,4,8 by name of file")] = "exif",
-    model: Annotated[str, typer.Option(help="slr, slr-1, monotone, emor, ggcm, polynomial or ppisp")] = "slr",
+    model: Annotated[
+        str | None,
+        typer.Option(help="slr (default with a chart), ppisp (without), slr-1, monotone, emor, ggcm, polynomial"),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
 ) -> None:

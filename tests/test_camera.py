@@ -7,9 +7,11 @@ import stat
 import subprocess
 import sys
 
+import cv2
 import matplotlib as mpl
 import numpy as np
 import pytest
+import tifffile
 
 mpl.use("agg")
 import matplotlib.pyplot as plt
@@ -19,12 +21,13 @@ from crfbench.camera.files import digest
 from crfbench.camera.observing import observe_chart, separate
 from crfbench.charts import chart_table, pair_photographs, save_labels
 from crfbench.charts.geometry import chart_boxes
+from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 from crfbench.passport import Passport, read_response
-from crfbench.synthetic import render_chart, write_pair
+from crfbench.synthetic import render_chart, render_series, write_pair
 
 EXPOSURES = (0.15, 0.4, 1.1)
 KNOWN = 70
@@ -183,6 +186,48 @@ def test_one_command_goes_from_files_to_passport(folder, tmp_path):
     again = run("calibrate", folder, "--out", out)
     assert again.returncode == 2
     assert "--force" in again.stderr
+
+
+def test_exposures_alone_and_their_use(tmp_path, truth):
+    series = render_series(truth, 1, size=(96, 64))
+    folder = tmp_path / "series"
+    folder.mkdir()
+    for i, image in enumerate(series.images):
+        assert cv2.imwrite(str(folder / f"{i}.png"), image[..., ::-1])
+    times = ",".join(str(2.0**stop) for stop in series.stops)
+    done = run("calibrate", folder, "--chart", "none", "--exposures", times, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    curve = Passport.load(tmp_path / "out" / "passport.json").curves[0]
+    inverse = invert(truth)
+    scale = (curve @ inverse) / (curve @ curve)
+    assert rmse(scale * curve, inverse) < 0.02
+    assert (tmp_path / "out" / "merged.exr").stat().st_size > 1000
+    linear = tmp_path / "linear.tif"
+    args = ("linearise", folder / "1.png", "--response", tmp_path / "out" / "passport.json", "--out", linear)
+    assert run(*args).returncode == 0
+    pixels = tifffile.imread(linear)
+    expected = np.interp(series.images[1] / 255, GRID, curve)
+    np.testing.assert_allclose(pixels, expected, atol=1e-5)
+    again = run(*args)
+    assert again.returncode == 2
+    assert "--force" in again.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="limits of a process are set another way")
+def test_a_full_disk_leaves_nothing_half_written(folder, tmp_path):
+    out = tmp_path / "out"
+    code = f"""
+import resource, sys
+from crfbench.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # what is larger fails as on a full disk
+sys.argv = ["crfbench", "calibrate", {str(folder)!r}, "--out", {str(out)!r}]
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert all(path.stat().st_size <= 20_000 and not path.name.startswith(".") for path in out.iterdir())
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="the system lets this user write anywhere")

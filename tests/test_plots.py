@@ -91,7 +91,9 @@ def test_chart_outlines_the_patches_where_the_corners_say_and_numbers_four():
     ax = plots.plot_chart(np.zeros((40, 2000, 3)), corners)
     outlines = np.array([line.get_xydata() for line in ax.get_lines()])
     assert outlines.shape == (24, 5, 2)
-    np.testing.assert_allclose([outlines[i, j] for i, j in zip((0, 5, 23, 18), range(4), strict=True)], corners, atol=1e-6)
+    np.testing.assert_allclose(
+        [outlines[i, j] for i, j in zip((0, 5, 23, 18), range(4), strict=True)], corners, atol=1e-6
+    )
     numbers = {text.get_text(): text.get_position() for text in ax.texts}
     assert numbers["1"][0] > numbers["19"][0]
     assert numbers["1"][1] < numbers["6"][1]

@@ -44,10 +44,11 @@ def test_recovers_known_responses(row):
 
 @pytest.mark.parametrize("latent", [-0.8, 0.6])
 @pytest.mark.parametrize("method", ["posterior", "map"])
-def test_default_model_recovers_its_own_curves(latent, method):
-    truth = load_model("SLR-monotone", 1).decode([[latent]])[0]
+def test_a_model_recovers_its_own_curves(latent, method):
+    model = load_model("SLR-monotone", 1)
+    truth = model.decode([[latent]])[0]
     series = render_series(invert(truth), 1, size=SIZE)
-    found = calibrate_series(series.images, series.stops, method=method)
+    found = calibrate_series(series.images, series.stops, model, method)
     assert scaled_rmse(found.curves[0], truth) < 0.01
 
 

@@ -10,13 +10,15 @@ import numpy as np
 
 from crfbench.calibration import Calibration, Noise, calibrate
 from crfbench.camera.observing import observe_chart
-from crfbench.charts import Exif, Problem, chart_table, load_labels, pair_photographs
+from crfbench.charts import Exif, Problem, chart_table, load_labels, pair_photographs, read_exif
 from crfbench.charts.pairs import Pair
+from crfbench.charts.reading import IMAGE_SUFFIXES
 from crfbench.charts.table import Measured
 from crfbench.curves import repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel, load_model
 from crfbench.passport import Passport
+from crfbench.series import Merged, calibrate_series, merge_series, read_series
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -31,7 +33,9 @@ CHOICES = {
     "polynomial": ("Polynomial", 3),
     "ppisp": ("PPISP", 4),
 }
+_DEFAULT, _DEFAULT_FREE = "slr", "ppisp"  # with a chart, and without
 _LEVEL = 0.9
+_NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 #: RAW files tell exposures to a percent or two, and JPEG patches are means of many pixels.
 _WITH_RAW = Noise(brightness=0.01, exposure=0.02)
 
@@ -53,6 +57,8 @@ class CameraCalibration:
         The patch table, where there was a chart.
     measured : dict of str to Measured
         Where the chart lies in each photograph.
+    merged : Merged, optional
+        The linear image that an exposure series gives.
     """
 
     passport: Passport
@@ -61,13 +67,14 @@ class CameraCalibration:
     problems: list[Problem]
     patches: "DataFrame | None"
     measured: dict[str, Measured]
+    merged: Merged | None = None
 
 
 def calibrate_chart(
     source: Path | Iterable[Path],
     labels: Path | None = None,
     exposures: Sequence[float] | None = None,
-    model: str = "slr",
+    model: str | None = None,
     created: str = "",
 ) -> CameraCalibration:
     """Calibrate a camera from photographs of a colour chart.
@@ -81,8 +88,8 @@ def calibrate_chart(
     exposures : sequence of float, optional
         Exposure times of the photographs, by name in alphabetical order, in any unit; default by EXIF. RAW files tell
         the exposures better, and are used where every photograph has one.
-    model : str
-        One of `CHOICES`.
+    model : str, optional
+        One of `CHOICES`; by default "slr".
     created : str
         ISO date for the passport.
 
@@ -95,7 +102,7 @@ def calibrate_chart(
     InputError
         When no photograph with a chart is left, or something else does not fit.
     """
-    ready = chosen_model(model)
+    ready = chosen_model(model or _DEFAULT)
     pairing = pair_photographs(source)
     table = chart_table(pairing.pairs, load_labels(labels) if labels else None)
     problems = pairing.problems + table.problems
@@ -110,6 +117,51 @@ def calibrate_chart(
     passport = make_passport(calibration, exif, _files(used), created)
     return CameraCalibration(
         passport, calibration, {pair.name: pair.jpeg for pair in used}, problems, table.patches, table.measured
+    )
+
+
+def calibrate_exposures(
+    source: Path | Iterable[Path],
+    exposures: Sequence[float] | None = None,
+    model: str | None = None,
+    created: str = "",
+) -> CameraCalibration:
+    """Calibrate a camera from several exposures of one static scene, without a chart.
+
+    Parameters
+    ----------
+    source : path or iterable of path
+        A folder or files: aligned JPEG, PNG or TIFF photographs.
+    exposures : sequence of float, optional
+        Exposure times, by name of file in alphabetical order, in any unit; default by EXIF.
+    model : str, optional
+        One of `CHOICES`; by default "ppisp".
+    created : str
+        ISO date for the passport.
+
+    Returns
+    -------
+    CameraCalibration
+        Exposures tell no scale: that the curve ends in (1, 1) is the model's word.
+
+    Raises
+    ------
+    InputError
+        When fewer than two photographs are left, or something else does not fit.
+    """
+    ready = chosen_model(model or _DEFAULT_FREE)
+    paths = sorted(source.iterdir()) if isinstance(source, Path) else sorted(Path(path) for path in source)
+    images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")]
+    series = read_series(images, "exif" if exposures is None else list(exposures))
+    calibration = calibrate_series(
+        series.images, series.stops, ready, exposure_error=_NOMINAL if exposures is None else _EXACT
+    )
+    left = {problem.path for problem in series.problems}
+    used = [path for path in images if path not in left]
+    passport = make_passport(calibration, read_exif(used[0]), used, created)
+    merged = merge_series(series.images, series.stops, calibration)
+    return CameraCalibration(
+        passport, calibration, {path.stem: path for path in used}, series.problems, None, {}, merged
     )
 
 

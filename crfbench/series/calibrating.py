@@ -30,9 +30,8 @@ def calibrate_series(
     images, exposures, n, seed, per_channel
         As in `sample_series`.
     model : ResponseModel, optional
-        Of direction "inverse", with a prior; by default SLR-monotone with one latent number. A series that fills
-        the range tells more than one number, and ``load_model("PPISP", 4)`` fits uncommon responses, as of film,
-        several times better.
+        Of direction "inverse", with a prior; by default PPISP: a series that fills the range tells more than one
+        number, and of uncommon responses, as of film, a single latent number misses much.
     method : {"posterior", "map"}
         As in `crfbench.calibration.calibrate`.
     exposure_error : float
@@ -51,7 +50,7 @@ def calibrate_series(
     """
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = _noise(observations, exposure_error)
-    return calibrate(model or load_model("SLR-monotone", 1), observations, method, noise=noise, seed=seed)
+    return calibrate(model or load_model("PPISP", 4), observations, method, noise=noise, seed=seed)
 
 
 def _noise(observations: Observations, exposure_error: float) -> Noise:
