@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_BESIDE = (PALETTE[6], PALETTE[2], PALETTE[3])  # far from the blue of the calibration and the red of its dots
 _MOST_DOTS = 300  # that are told apart at full size: smaller ones leave the curve to be seen
 _PICTURE_WIDTH = 900  # pixels; more make a figure heavy and show no more
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
@@ -121,7 +122,8 @@ def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) ->
         ax.plot(*box[[0, 1, 2, 3, 0]].T, color=PALETTE[1], lw=1)
     for patch in (1, 6, 19, 24):
         label = {"facecolor": "black", "pad": 1.5, "lw": 0}
-        ax.text(*boxes[patch - 1].mean(axis=0), str(patch), color="white", ha="center", va="center", bbox=label)
+        x, y = boxes[patch - 1].mean(axis=0)
+        ax.text(x, y, str(patch), color="white", ha="center", va="center", bbox=label)
     return ax
 
 
@@ -188,7 +190,7 @@ def plot_calibration(
     brightness, irradiance = result.dots(index)
     size = 10 if len(brightness) <= _MOST_DOTS else 2
     ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
-    for (name, curve), colour, style in zip((beside or {}).items(), PALETTE[::-1], _STYLES[1:], strict=False):
+    for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, _STYLES[1:], strict=False):
         ax.plot(GRID, np.asarray(curve), color=colour, ls=style, label=name, zorder=4)
     _unit_square(ax, "inverse")
     ax.legend(loc="upper left", fontsize="small")

@@ -47,6 +47,6 @@ def linearised_patches(result: CameraCalibration, name: str) -> "DataFrame":
     if photograph.raw is not None:
         kept &= photograph.raw.clipped == 0
         linear = linear * (raw * linear)[kept].sum(axis=0) / (linear**2)[kept].sum(axis=0)
-    patch, channel = (index[kept].ravel() for index in np.indices(linear.shape))
+    patch, channel = np.indices(linear.shape)[:, kept].reshape(2, -1)
     columns = {"raw": raw[kept].ravel(), "jpeg": photograph.jpeg.means[kept].ravel(), "linear": linear[kept].ravel()}
     return pd.DataFrame({"patch": patch + 1, "channel": np.array(list("rgb"))[channel], **columns})
