@@ -16,18 +16,26 @@ test: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
-	$(BIN)/python -m pytest notebooks --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
+	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest notebooks -n auto --dist loadfile --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
 
 tables: $(READY)
 	$(BIN)/crfbench tables --out results
 	$(BIN)/crfbench table fitting
+	$(BIN)/crfbench table stability
+	$(BIN)/crfbench table calibration --patches 3
+	$(BIN)/crfbench table calibration --patches 24
 
 bench: $(READY)
 	$(BIN)/python benchmarks/fitting.py
 	$(BIN)/python benchmarks/decoding.py
 	$(BIN)/python benchmarks/slider.py
 	$(BIN)/python benchmarks/search.py
+	$(BIN)/python benchmarks/calibration.py
+	$(BIN)/python benchmarks/calibration_widget.py
+	$(BIN)/python benchmarks/charts.py
+	$(BIN)/python benchmarks/series.py
+	$(BIN)/python benchmarks/linearise.py
 
 # Runs every notebook from a fresh kernel and stores the outputs, without widget state or timings.
 notebooks: $(READY)

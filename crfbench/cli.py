@@ -1,4 +1,4 @@
-"""The command line: ``crfbench data | fetch | table | tables | calibrate | linearise | train | search | lab``."""
+"""The command line: ``crfbench data | fetch | table | tables | report | calibrate | linearise | train | ...``."""
 
 import datetime
 import json
@@ -123,6 +123,14 @@ def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures
 
     for path in build_results(out):
         typer.echo(path)
+
+
+@app.command()
+def report(out: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html")) -> None:
+    """Write the reproduction report: every claim of the paper beside ours, in one page that needs no network."""
+    from crfbench.report import write_report
+
+    typer.echo(write_report(out))
 
 
 @app.command()

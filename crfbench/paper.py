@@ -5,6 +5,7 @@ Connected Neural Network" (2022). Figures only; what they mean is said beside ea
 """
 
 from decimal import Decimal
+from typing import NamedTuple
 
 #: Table 1, "DoRF curves fitting": mean RMSE as the paper calls it, by model and number of parameters. Kept as
 #: text, for the digits printed are part of the figure. The SLR figure is 5.61E-4 in the paper's running text.
@@ -50,6 +51,67 @@ CALIBRATION: dict[tuple[str, str, int], tuple[float, ...]] = {
 
 #: The difference in RMSE that the paper calls significant in calibration.
 SIGNIFICANT_RMSE = 0.005
+
+
+class Statement(NamedTuple):
+    """Something the running text says: in our words, in which section, and the figure as printed, if there is one."""
+
+    claim: str
+    where: str
+    figure: str
+
+
+#: What the paper states outside the cells of its tables. Settings of its experiments are no claims and are left out.
+STATEMENTS: dict[str, Statement] = {
+    "responses": Statement("DoRF holds so many responses", "2 and 4.1", "201"),
+    "cameras_of_dorf": Statement("each of these is another real-world camera", "4.1, figure", "201"),
+    "samples": Statement("each is sampled at so many points", "2", "1024"),
+    "energy": Statement("share of DoRF's energy in three principal components", "2", "99.5"),
+    "classical_models": Statement("polynomial and gamma fit slightly worse than EMoR", "2", ""),
+    "camera_count": Statement("cameras taken from Middlebury", "4.1", "14"),
+    "photographs": Statement("photographs in the modified Middlebury set", "4.1", "112"),
+    "photographs_each": Statement("photographs of each camera", "4.1", "8"),
+    "illuminations": Statement("uniform illuminations", "4.1", "2"),
+    "exposures": Statement("fixed exposures", "4.1", "4"),
+    "patches": Statement("colour patches labelled in each photograph", "4.1", "24"),
+    "uniform_channels": Statement("these cameras have the more uniform channels", "4.1", ""),
+    "candidates": Statement("valid candidate architectures", "3.2", "156"),
+    "candidate_time": Statement("seconds in which each is judged, at most", "3.2", "60"),
+    "architecture": Statement("the architecture that the search finds", "3.2; released program", "(50, 20)"),
+    "smoothness": Statement("the norm of the first derivative tells smooth curves from rough ones", "3.1", ""),
+    "variance": Statement("the sum of squared deviations estimates the latents' variance", "3.3", ""),
+    "ldl_accurate": Statement("LDL leads to an accurate latent distribution", "4.3", ""),
+    "ldl_rapid": Statement("LDL converges rapidly, VAE and no constraint slowly", "4.3", ""),
+    "aae_unstable": Statement("AAE's latent distribution is unstable compared to the others", "4.3", ""),
+    "auc_sharp": Statement("AUC gives a narrow, sharp latent distribution", "4.3", ""),
+    "ldl_best": Statement("LDL performs best of the constraints", "4.3", ""),
+    "one_figure": Statement("mean RMSE of SLR, in the text as in Table 1", "4.4", "5.61E-4"),
+    "ten_folds": Statement("SLR is more than ten-folds better than most of the others", "4.4", ""),
+    "ten_folds_unseen": Statement("ten-folds better in cross-validation", "5", ""),
+    "optimal": Statement("every curve is fitted with the optimal parameters of each model", "4.4", ""),
+    "gamma_within_ggcm": Statement("Gamma, and GGCM with one parameter, fit as Table 1 says", "4.4", ""),
+    "most_stable": Statement("SLR is the most stable with varied numbers of patches", "4.5", ""),
+    "nearest_to_truth": Statement("SLR comes nearest to the measured values of the Canon PowerShot G9", "4.5", ""),
+    "most_accurate": Statement("SLR with LDL and one latent calibrates most accurately of all", "4.5", ""),
+    "ldl_helps": Statement("LDL improves calibration over the baseline", "4.5", ""),
+    "significant": Statement("a difference in RMSE above this is significant", "4.2", "0.005"),
+    "auc_trades": Statement("AUC calibrates faster than LDL but less accurately", "4.5", ""),
+    "impossible_spread": Statement(
+        "14 cameras can have the printed mean, s.d. and maximum of RMSE", "4.5, Table 3", ""
+    ),
+    "metrics": Statement("number of metrics in the second experiment, in the text as in Table 3", "4.2", "5"),
+    "calibration_images": Statement("photographs that a camera is calibrated with", "4.5, caption of Table 3", "8"),
+    "almost_twice": Statement("calibration is almost twice as fast as with the best other models", "abstract", ""),
+    "half_the_time": Statement("calibration takes less than half the time of the best other models", "1", ""),
+    "faster_than_gamma": Statement("Gamma takes so many times as long as SLR with LDL", "4.5", "1.96"),
+    "around_twice": Statement("calibration is around twice as fast as with the best other models", "5", ""),
+}
+
+
+def scientific(value: float, digits: int = 2) -> str:
+    """Write a number as the paper does, for example 3.60E-2."""
+    mantissa, exponent = f"{value:.{digits}E}".split("E")
+    return f"{mantissa}E{int(exponent)}"
 
 
 def verdict(ours: float, printed: str | None) -> str:

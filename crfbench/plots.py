@@ -261,6 +261,32 @@ def plot_coverage(tables: Mapping[str, pd.DataFrame], ax: Axes | None = None) ->
     return ax
 
 
+def plot_against_paper(
+    names: Sequence[str], ours: ArrayLike, bounds: ArrayLike, printed: ArrayLike, label: str, ax: Axes | None = None
+) -> Axes:
+    """Draw our figures with their bounds, and the paper's as crosses, one row a name.
+
+    Parameters
+    ----------
+    names : sequence of str, length n
+    ours, printed : array_like, shape (n,)
+    bounds : array_like, shape (2, n)
+        Low and high ends of ours.
+    label : str
+        What the figures are, with their unit.
+    """
+    ax = _axes(ax, 7.0, 1.0 + 0.28 * len(names))
+    place, centre = np.arange(len(names)), np.asarray(ours)
+    spans = np.abs(np.asarray(bounds) - centre)
+    ax.errorbar(centre, place, xerr=spans, fmt="o", ms=5, color=PALETTE[0], capsize=3, label="ours")
+    ax.plot(np.asarray(printed), place, ls="", marker="x", ms=8, mew=2, color=PALETTE[1], label="the paper's")
+    ax.set_yticks(place, names)
+    ax.set(xlabel=label, ylim=(len(names) - 0.5, -0.5))
+    ax.grid(axis="y", lw=0.3)
+    ax.legend(fontsize="small")
+    return ax
+
+
 #: The models that `plot_fitting` draws; EMoR stands for itself, learned here or published, as the two coincide.
 _FITTING_MODELS = ("Gamma", "Polynomial", "GGCM", "EMoR-PCA", "PPISP", "SLR-ldl", "SLR-monotone")
 

@@ -6,6 +6,7 @@ from crfbench.widgets.epoch_player import EpochPlayer
 from crfbench.widgets.latent_explorer import LatentExplorer
 from crfbench.widgets.model_explorer import ModelExplorer
 from crfbench.widgets.search_explorer import SearchExplorer
+from crfbench.widgets.sortable_table import SortableTable
 from crfbench.widgets.training_panel import TrainingPanel
 
 __all__ = [
@@ -15,5 +16,6 @@ __all__ = [
     "LatentExplorer",
     "ModelExplorer",
     "SearchExplorer",
+    "SortableTable",
     "TrainingPanel",
 ]

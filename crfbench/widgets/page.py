@@ -1,4 +1,4 @@
-"""A widget as one HTML page that works from a file: no Python, no server, and no request leaves it.
+"""Widgets in one HTML page that works from a file: no Python, no server, and no request leaves it.
 
 For widgets whose JavaScript does all the work by itself.
 """
@@ -15,7 +15,7 @@ from crfbench.widgets.assets import join
 
 
 def page(widget: anywidget.AnyWidget, title: str, state: Mapping[str, object] | None = None) -> str:
-    """Return the page, holding the widget's module, styles and synchronised traits.
+    """Return a page of one widget, holding its module, styles and synchronised traits.
 
     Parameters
     ----------
@@ -25,11 +25,38 @@ def page(widget: anywidget.AnyWidget, title: str, state: Mapping[str, object] | 
     state : mapping, optional
         Values to take instead of the widget's own, by the name of their traits.
     """
+    return document(title, f"<h1>{html.escape(title)}</h1>\n{island(widget, state)}")
+
+
+def document(title: str, body: str, style: str = "") -> str:
+    """Return a page around `body`, which is HTML with a first heading and any number of islands.
+
+    Parameters
+    ----------
+    title : str
+        Plain text.
+    body, style : str
+        HTML and CSS that may be trusted.
+    """
+    parts = {"title": html.escape(title), "style": style, "body": body, "script": join("controls.js", "page.js")}
+    return Template(join("page.html")).substitute(parts)
+
+
+def island(widget: anywidget.AnyWidget, state: Mapping[str, object] | None = None, name: str = "content") -> str:
+    """Return a place for a widget and all it needs, to put into a `document`.
+
+    Parameters
+    ----------
+    widget : AnyWidget
+    state : mapping, optional
+        Values to take instead of the widget's own, by the name of their traits.
+    name : str
+        Unlike that of any other island of the page.
+    """
     content = {"module": str(widget._esm), "css": str(widget._css), "state": {**_state(widget), **(state or {})}}
     # No "<" means that nothing in the JSON can end the script element it lies in.
     text = json.dumps(content, default=_base64).replace("<", "\\u003c")
-    script = join("controls.js", "page.js")
-    return Template(join("page.html")).substitute(title=html.escape(title), content=text, script=script)
+    return f'<div></div>\n<script type="application/json" id="{name}">{text}</script>'
 
 
 def frame(document: str, instead: str) -> str:

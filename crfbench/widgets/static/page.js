@@ -1,4 +1,4 @@
-// Gives a widget's module, in a page of its own, what Jupyter would: the state, its changes, a place. Python is not there.
+// Gives the modules of widgets, in a page without Jupyter, what it would: the state, its changes, a place.
 
 // Binary values of the state were written as {"base64": "..."}.
 function revive(_key, value) {
@@ -40,9 +40,14 @@ function fitFrame(frame) {
   new ResizeObserver(() => (frame.style.height = `${root.offsetHeight}px`)).observe(root);
 }
 
-const { module, css, state } = JSON.parse(document.getElementById("content").textContent, revive);
-document.head.append(element("style", {}, css));
+// An island is a place and, right behind it, what the widget there needs.
+async function bringToLife(script) {
+  const { module, css, state } = JSON.parse(script.textContent, revive);
+  document.head.append(element("style", {}, css));
+  const address = URL.createObjectURL(new Blob([module], { type: "text/javascript" }));
+  const { default: widget } = await import(address);
+  widget.render({ model: new Model(state), el: script.previousElementSibling });
+}
+
 if (window.frameElement) fitFrame(window.frameElement);
-const address = URL.createObjectURL(new Blob([module], { type: "text/javascript" }));
-const { default: widget } = await import(address);
-widget.render({ model: new Model(state), el: document.getElementById("widget") });
+for (const script of document.querySelectorAll("script[type='application/json']")) await bringToLife(script);

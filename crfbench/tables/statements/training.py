@@ -1,0 +1,119 @@
+"""What the paper says of its networks: the search for them, their losses, their latents."""
+
+import numpy as np
+
+from crfbench.curves import GRID, N_SAMPLES
+from crfbench.paper import STATEMENTS, scientific
+from crfbench.search.result import architecture
+from crfbench.search.space import SearchSpace
+from crfbench.tables.evidence import CONSTRAINTS, Evidence
+from crfbench.tables.statements.finding import Check, Finding, counted, judged
+
+_LATENTS = "crfbench.tables.latents.latent_table"
+_EPOCHS = "crfbench.tables.evidence.latent_epochs"
+_HERE = "crfbench.tables.statements.training"
+
+
+def smoothness_loss(curve: np.ndarray) -> float:
+    """Return the paper's smoothness loss of a curve (1024,): the l2 norm of its first differences."""
+    return float(np.linalg.norm(np.diff(curve)))
+
+
+def printed_variance(n: int = 201) -> float:
+    """Return the mean of what the paper's estimate of the variance gives for `n` draws from N(0, 1)."""
+    draws = np.random.default_rng(0).normal(size=(1000, n))
+    return float(((draws - draws.mean(axis=1, keepdims=True)) ** 2).sum(axis=1).mean())
+
+
+def candidates(evidence: Evidence) -> Finding:
+    """Count candidate architectures."""
+    why = "6 x (1 + 5 x 5): no third layer without a second."
+    return counted("candidates", len(SearchSpace()), "crfbench.search.SearchSpace", why)
+
+
+def candidate_time(evidence: Evidence) -> Finding:
+    """Compare the time of the slowest candidate."""
+    slowest = float(evidence.search["seconds"].max())
+    why = "The slowest candidate, three folds, one processor core, no graphics card."
+    return judged(ours=f"{slowest:.0f} s", how="crfbench.search.naive_search", holds=slowest < 60, why=why)
+
+
+def architecture_found(evidence: Evidence) -> Finding:
+    """Compare the choices of the search, by seed, with the released program's."""
+    chosen = evidence.search_seeds[evidence.search_seeds["chosen"]]
+    by_seed = [str(architecture(row)) for _, row in chosen.iterrows()]
+    same = sum(name == STATEMENTS["architecture"].figure for name in by_seed)
+    verdict = "reproduced" if same > len(by_seed) / 2 else "differs"
+    why = "The best candidates lie closer together than seeds do: the search does not settle an architecture."
+    return Finding(by_seed[0], "crfbench.search.naive_search", verdict, why, f"{', '.join(by_seed)} (by seed)")
+
+
+def smoothness(evidence: Evidence) -> Finding:
+    """Compare the loss of a smooth curve and a rough one."""
+    smooth, rough = GRID ** (1 / 2.2), GRID + 0.0004 * (-1.0) ** np.arange(N_SAMPLES)
+    losses = smoothness_loss(smooth), smoothness_loss(rough)
+    why = "The norm is least for the straight line, so it flattens curves; the second derivative would smooth them."
+    ours = f"{losses[0]:.3f} for x^(1/2.2), {losses[1]:.3f} for a zigzag along the diagonal"
+    return judged(ours=ours, how=f"{_HERE}.smoothness_loss", holds=losses[0] < losses[1], why=why)
+
+
+def variance(evidence: Evidence) -> Finding:
+    """Apply the printed estimate to draws of variance 1."""
+    value = printed_variance()
+    why = "The formula lacks 1/N; with it the estimate is right, and it is what we train with."
+    ours = f"{value:.0f} for 201 draws of variance 1"
+    return judged(ours=ours, how=f"{_HERE}.printed_variance", holds=abs(value - 1) < 0.1, why=why)
+
+
+def ldl_accurate(evidence: Evidence) -> Finding:
+    """Compare the KL divergences."""
+    kl = evidence.latents["kl"]
+    others = ", ".join(f"{name} {scientific(kl[name], 1)}" for name in CONSTRAINTS[1:])
+    why = f"KL divergence of mean and s.d. to N(0, 1), which LDL minimises; {others}."
+    return judged(ours=scientific(kl["ldl"], 1), how=_LATENTS, holds=kl.idxmin() == "ldl", why=why)
+
+
+def ldl_rapid(evidence: Evidence) -> Finding:
+    """Compare the epochs from which the latents stay near their objective."""
+    settled = evidence.epochs["settled"].fillna(np.inf)
+    shown = {name: "never" if np.isinf(settled[name]) else f"{settled[name]:.0f}" for name in CONSTRAINTS}
+    holds = settled["ldl"] < settled["vae"] < np.inf and settled["vae"] < settled["baseline"]
+    why = f"Epoch from which the KL divergence stays below 0.05; {', '.join(f'{n} {v}' for n, v in shown.items())}."
+    return judged(ours=f"epoch {shown['ldl']}", how=_EPOCHS, holds=bool(holds), why=why)
+
+
+def aae_unstable(evidence: Evidence) -> Finding:
+    """Compare how much the latents' spread still moves late in training."""
+    swing = evidence.epochs["swing"].drop("baseline")
+    others = ", ".join(f"{name} {value:.3f}" for name, value in swing.drop("aae").items())
+    why = f"Range of the latents' s.d. after a third of the epochs, one training each; {others}."
+    return judged(ours=f"{swing['aae']:.3f}", how=_EPOCHS, holds=swing.idxmax() == "aae", why=why)
+
+
+def auc_sharp(evidence: Evidence) -> Finding:
+    """Say why the comparison is empty."""
+    sd = evidence.latents["sd"]["auc"]
+    why = "The labels are sums of up to hundreds; the paper does not say how they were scaled, and the scale decides."
+    return Finding(f"s.d. {sd:.2f}", _LATENTS, "not comparable", why)
+
+
+def ldl_best(evidence: Evidence) -> Finding:
+    """Compare the shapes of the latents' distributions."""
+    ks = evidence.latents["ks"]
+    others = ", ".join(f"{name} {ks[name]:.2f}" for name in CONSTRAINTS[1:])
+    why = f"Kolmogorov-Smirnov distance to N(0, 1), which sees the shape too, one training each; {others}."
+    return judged(ours=f"{ks['ldl']:.2f}", how=_LATENTS, holds=ks.idxmin() == "ldl", why=why)
+
+
+CHECKS: dict[str, Check] = {
+    "candidates": candidates,
+    "candidate_time": candidate_time,
+    "architecture": architecture_found,
+    "smoothness": smoothness,
+    "variance": variance,
+    "ldl_accurate": ldl_accurate,
+    "ldl_rapid": ldl_rapid,
+    "aae_unstable": aae_unstable,
+    "auc_sharp": auc_sharp,
+    "ldl_best": ldl_best,
+}

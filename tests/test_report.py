@@ -1,0 +1,118 @@
+"""The report as a file: complete, well-formed, the same at each run, and with nothing from elsewhere."""
+
+import html
+import re
+from html.parser import HTMLParser
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from crfbench import plots, report
+from crfbench.tables.claims import claims_table, verdict_counts
+from crfbench.tables.evidence import load_evidence
+from crfbench.tables.findings import does_not_follow, holds
+from crfbench.tables.leaderboard import leaderboard
+
+VOID = {"meta", "wbr", "br", "path", "use", "rect"}
+
+
+class Outline(HTMLParser):
+    """Notes what a page holds and checks that its elements nest."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.found if name == tag]
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return report.report_page()
+
+
+@pytest.fixture(scope="module")
+def outline(page: str) -> Outline:
+    return Outline(page)
+
+
+def test_nothing_comes_from_elsewhere(page, outline):
+    assert "default-src 'none'" in page
+    assert not outline.all("link") + outline.all("img") + outline.all("iframe")
+    assert not any("src" in script for script in outline.all("script"))
+    addresses = set(re.findall(r"""https?://[^"'\s<)]+""", page))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}  # names, never fetched
+
+
+def test_headings_go_down_one_step_at_a_time(outline):
+    levels = [int(tag[1]) for tag, _ in outline.found if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert (np.diff(levels) <= 1).all()
+
+
+def test_tables_have_captions_and_scopes_and_figures_texts(outline):
+    assert len(outline.all("table")) == len(outline.all("caption")) == 5
+    assert all(heading.get("scope") in {"col", "row"} for heading in outline.all("th"))
+    pictures = outline.all("svg")
+    assert len(pictures) == len(outline.all("figcaption")) == 4
+    assert all(picture["role"] == "img" and len(picture["aria-label"]) > 30 for picture in pictures)
+
+
+def test_identifiers_are_unique_and_found(page, outline):
+    names = [attributes["id"] for _, attributes in outline.found if "id" in attributes]
+    assert len(names) == len(set(names))
+    assert set(re.findall(r'(?:href="|url\()#([^")]+)', page)) <= set(names)
+
+
+def test_every_claim_and_finding_is_on_the_page(page):
+    evidence = load_evidence()
+    claims = claims_table(evidence)
+    for row in claims.to_dict("records"):
+        assert html.escape(row["claim"]) in page
+        assert html.escape(row["why"]) in page
+    for point in [*does_not_follow(evidence), *holds(evidence)]:
+        assert html.escape(point.text) in page
+    for name, count in verdict_counts(claims).loc["all"].items():
+        assert page.count(f"</span> {name}</span></td>") == count
+    for model in leaderboard()["model"]:
+        assert f'"{model}"' in page
+
+
+def test_every_run_writes_the_same_and_leaves_no_figure_open(page, tmp_path):
+    path = report.write_report(tmp_path / "new" / "report.html")
+    assert path.read_text(encoding="utf-8") == page
+    assert plt.get_fignums() == []
+    assert [found.name for found in path.parent.iterdir()] == ["report.html"]
+
+
+def test_figures_take_the_colours_of_the_page(page):
+    pictures = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
+    assert not any("#000000" in picture or "#ffffff" in picture for picture in pictures)
+
+
+def test_figures_show_the_figures_of_the_tables():
+    ax = plots.plot_against_paper(["a", "b"], [1.0, 2.0], [[0.5, 1.0], [2.0, 2.5]], [3.0, 0.1], "size")
+    crosses = ax.get_lines()[-1]
+    np.testing.assert_array_equal(crosses.get_xdata(), [3.0, 0.1])
+    bars = np.array(ax.collections[0].get_segments())[:, :, 0]
+    np.testing.assert_allclose(bars, [[0.5, 2.0], [1.0, 2.5]])
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
+    plt.close("all")
