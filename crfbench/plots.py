@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
+from crfbench.charts.geometry import chart_boxes
 from crfbench.curves import GRID, Direction, axis_labels
 from crfbench.history import History
 from crfbench.search.result import architecture, mark_choice, pareto_front
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_BESIDE = (PALETTE[6], PALETTE[2], PALETTE[3])  # far from the blue of the calibration and the red of its dots
+_MOST_DOTS = 300  # that are told apart at full size: smaller ones leave the curve to be seen
+_PICTURE_WIDTH = 900  # pixels; more make a figure heavy and show no more
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
 
@@ -101,15 +105,93 @@ def plot_comparison(
     return ax
 
 
-def plot_calibration(result: "Calibration", index: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw one inverse response of a calibration, its bands, and the patches where reference and exposure put them."""
+def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) -> Axes:
+    """Draw a photograph with the outlines of the 24 patches; those in the corners are numbered.
+
+    Parameters
+    ----------
+    pixels : array_like, shape (h, w, 3)
+        Values in [0, 1].
+    corners : array_like, shape (4, 2)
+        In chart order, see `crfbench.charts.geometry`.
+    """
+    picture, boxes = np.asarray(pixels), chart_boxes(np.asarray(corners))
+    ax = _axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
+    _show_picture(ax, picture)
+    for box in boxes:
+        ax.plot(*box[[0, 1, 2, 3, 0]].T, color=PALETTE[1], lw=1)
+    for patch in (1, 6, 19, 24):
+        label = {"facecolor": "black", "pad": 1.5, "lw": 0}
+        x, y = boxes[patch - 1].mean(axis=0)
+        ax.text(x, y, str(patch), color="white", ha="center", va="center", bbox=label)
+    return ax
+
+
+def _show_picture(ax: Axes, pixels: np.ndarray) -> None:
+    """Show a photograph, thinned to what a figure can show, from (0, 0) to (1, 1)."""
+    step = -(-pixels.shape[1] // _PICTURE_WIDTH)
+    ax.imshow(pixels[::step, ::step], extent=(0, 1, 1, 0), aspect=pixels.shape[0] / pixels.shape[1])
+    ax.set_axis_off()
+
+
+def plot_linearised(jpeg: ArrayLike, linear: ArrayLike, patches: pd.DataFrame) -> list[Axes]:
+    """Draw a photograph, the same linearised, and how straight its patches lie against their RAW values.
+
+    Parameters
+    ----------
+    jpeg, linear : array_like, shape (h, w, 3)
+        Before and after `crfbench.passport.linearise`; values in [0, 1].
+    patches : DataFrame
+        Columns raw, jpeg and linear: values of patches, in shares of full scale. Without a RAW file raw is NaN.
+    """
+    _, axes = plt.subplots(1, 3, figsize=(11.0, 3.2), layout="constrained")
+    for ax, picture, title in zip(axes, (jpeg, linear), ("JPEG: brightness", "linearised: irradiance"), strict=False):
+        _show_picture(ax, np.asarray(picture))
+        ax.set_title(title)
+    looks = {"jpeg": ("JPEG", "0.6", "s"), "linear": ("linearised", PALETTE[0], "o")}
+    for column, (label, colour, marker) in looks.items():
+        axes[2].scatter(patches["raw"], patches[column], s=10, color=colour, marker=marker, label=label)
+    axes[2].plot([0, 1], [0, 1], color="0.6", lw=0.8, ls=":", zorder=0)
+    axes[2].set(xlabel="RAW (share of full scale)", ylabel="share of full scale", xlim=(0, 1), ylim=(0, 1))
+    axes[2].set(aspect="equal", title="patches against RAW")
+    axes[2].legend(fontsize="small")
+    return list(axes)
+
+
+def plot_residuals(result: "Calibration", index: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw the residuals of one calibration against brightness, in per cent of irradiance."""
+    ax = _axes(ax, 6.0, 3.0)
+    counts = result.observations.counts[index]
+    ax.axhline(0.0, color="0.6", lw=0.8)
+    ax.plot(result.observations.brightness[index][counts], 100 * result.residuals[index][counts], "o", ms=3)
+    ax.set(xlabel="brightness (relative, 0 to 1)", ylabel="residual (% of irradiance)", xlim=(0, 1))
+    return ax
+
+
+def plot_calibration(
+    result: "Calibration", index: int = 0, ax: Axes | None = None, beside: Mapping[str, ArrayLike] | None = None
+) -> Axes:
+    """Draw one inverse response of a calibration, its bands, and the patches where reference and exposure put them.
+
+    Parameters
+    ----------
+    result : Calibration
+    index : int
+    ax : Axes, optional
+    beside : mapping of str to array_like, shape (1024,), optional
+        Other inverse responses to compare with, such as the known truth.
+    """
     ax = _axes(ax)
     for level, shade in zip(sorted(result.bands, reverse=True), (0.15, 0.3), strict=False):
         low, high = result.bands[level]
         label = f"{100 * level:.0f} % of the posterior"
         ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
     ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{result.model.name}, {result.method}")
-    ax.scatter(*result.dots(index), s=10, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
+    brightness, irradiance = result.dots(index)
+    size = 10 if len(brightness) <= _MOST_DOTS else 2
+    ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
+    for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, _STYLES[1:], strict=False):
+        ax.plot(GRID, np.asarray(curve), color=colour, ls=style, label=name, zorder=4)
     _unit_square(ax, "inverse")
     ax.legend(loc="upper left", fontsize="small")
     return ax

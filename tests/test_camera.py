@@ -8,15 +8,19 @@ import subprocess
 import sys
 
 import cv2
+import matplotlib as mpl
 import numpy as np
 import pytest
 import tifffile
 
-from crfbench.camera import CHOICES, calibrate_chart, write_outputs
+mpl.use("agg")
+import matplotlib.pyplot as plt
+
+from crfbench.camera import CHOICES, calibrate_chart, linearised_patches, write_outputs
 from crfbench.camera.files import digest
 from crfbench.camera.observing import observe_chart, separate
-from crfbench.camera.page import chart_boxes
 from crfbench.charts import chart_table, pair_photographs, save_labels
+from crfbench.charts.geometry import chart_boxes
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.middlebury import N_PATCHES
@@ -136,6 +140,28 @@ def test_the_report_asks_for_nothing_elsewhere(result, tmp_path):
     assert not re.findall(r'(?:src|href)="(?!data:)', page)
     assert page.count("<img alt=") == 3
     assert "broken.jpg" in page
+
+
+def test_a_linearised_photograph_is_straight_against_its_raw_file(result):
+    for name in result.measured:
+        patches = linearised_patches(result, name)
+        assert rmse(patches["linear"], patches["raw"]) < 0.2 * rmse(patches["jpeg"], patches["raw"])
+        assert (patches["jpeg"] < 254 / 255).all()
+    with pytest.raises(InputError, match="name='broken' is no photograph with a chart"):
+        linearised_patches(result, "broken")
+
+
+def test_without_raw_files_there_is_nothing_to_be_straight_against(folder):
+    result = calibrate_chart(sorted(folder.glob("写真*.jpg")))
+    patches = linearised_patches(result, "写真 0")
+    assert patches["raw"].isna().all()
+    assert patches["linear"].between(0, 1).all()
+
+
+def test_writing_leaves_no_figure_open(result, tmp_path):
+    before = plt.get_fignums()
+    list(write_outputs(result, tmp_path))
+    assert plt.get_fignums() == before, "a notebook would show it"
 
 
 def test_boxes_lie_where_the_corners_say():

@@ -1,13 +1,16 @@
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
 
 mpl.use("agg")
 
 from crfbench import plots
+from crfbench.calibration import Observations, calibrate
 from crfbench.curves import GRID
 from crfbench.datasets import load_opencrf, load_patches
 from crfbench.datasets.middlebury import patch_intensity
+from crfbench.models import load_model
 from crfbench.paper import FITTING
 from crfbench.results import comparison
 from crfbench.tables.recorded import load_recorded
@@ -81,3 +84,39 @@ def test_comparison_takes_the_curve_that_gamma_fits_worst_and_names_every_model(
     assert ax.get_title() in responses.names
     assert len(drawn(ax)) == 6
     assert comparison(responses, 3).get_title() == responses.names[3]
+
+
+def test_chart_outlines_the_patches_where_the_corners_say_and_numbers_four():
+    corners = np.array([(0.9, 0.1), (0.9, 0.8), (0.1, 0.8), (0.1, 0.1)])  # patch 1 at the upper right
+    ax = plots.plot_chart(np.zeros((40, 2000, 3)), corners)
+    outlines = np.array([line.get_xydata() for line in ax.get_lines()])
+    assert outlines.shape == (24, 5, 2)
+    np.testing.assert_allclose(
+        [outlines[i, j] for i, j in zip((0, 5, 23, 18), range(4), strict=True)], corners, atol=1e-6
+    )
+    numbers = {text.get_text(): text.get_position() for text in ax.texts}
+    assert numbers["1"][0] > numbers["19"][0]
+    assert numbers["1"][1] < numbers["6"][1]
+    assert set(numbers) == {"1", "6", "19", "24"}
+    assert max(ax.get_images()[0].get_array().shape) <= 900, "large photographs are thinned"
+
+
+def test_linearised_shows_both_pictures_and_the_patches():
+    dark, bright = np.full((4, 6, 3), 0.1), np.full((4, 6, 3), 0.7)
+    patches = pd.DataFrame({"raw": [0.1, 0.2], "jpeg": [0.5, 0.8], "linear": [0.1, 0.2]})
+    left, middle, right = plots.plot_linearised(bright, dark, patches)
+    assert left.get_images()[0].get_array().max() > middle.get_images()[0].get_array().max()
+    before, after = (np.asarray(dots.get_offsets()) for dots in right.collections)
+    np.testing.assert_allclose(before, patches[["raw", "jpeg"]])
+    np.testing.assert_allclose(after, patches[["raw", "linear"]])
+
+
+def test_calibration_draws_what_is_put_beside_it_and_residuals_leave_clipped_patches_out():
+    clipped = np.zeros((2, 3), bool)
+    clipped[1, 2] = True
+    brightness, reference = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 1.0]]), np.array([0.05, 0.15, 0.4])
+    result = calibrate(load_model("Gamma", 1, "inverse"), Observations(brightness, reference, clipped=clipped), "map")
+    assert np.allclose(drawn(plots.plot_calibration(result, beside={"truth": GRID**2}))[-1], GRID**2)
+    shown = plots.plot_residuals(result).get_lines()[-1]
+    np.testing.assert_allclose(shown.get_xdata(), brightness[~clipped])
+    np.testing.assert_allclose(shown.get_ydata(), 100 * result.residuals[0][~clipped])

@@ -10,13 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crfbench.calibration import Calibration
 from crfbench.camera.files import CameraCalibration
 from crfbench.charts import SafeReader, read_image
-from crfbench.charts.geometry import COLUMNS, GAP, ROWS, SIZE, UNIT, homography, project
-from crfbench.plots import PALETTE, plot_calibration
+from crfbench.plots import plot_calibration, plot_chart, plot_residuals
 
-_PICTURE_WIDTH = 900  # pixels
 _PAGE = Template(
     """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -46,8 +43,8 @@ def report_page(result: CameraCalibration) -> str:
     """Return the page: facts, warnings, the curve with its band, residuals, and the chart with its boxes."""
     calibration, camera = result.calibration, result.passport.camera or "camera"
     with mpl.rc_context({"svg.hashsalt": "crfbench"}):
-        curve = _picture(plot_calibration(calibration))
-        residuals = _picture(_residuals(calibration))
+        curve = _picture(plot_calibration(calibration, ax=_axes(6.0, 4.5)))
+        residuals = _picture(plot_residuals(calibration, ax=_axes(6.0, 3.0)))
     low, high = calibration.brightness_range[0]
     return _PAGE.substitute(
         title=html.escape(f"Response of {camera}"),
@@ -86,16 +83,6 @@ def _list(texts: list[str] | tuple[str, ...], none: str) -> str:
     return f"<ul>{items}</ul>" if items else f"<p>{none}</p>"
 
 
-def _residuals(calibration: Calibration) -> Axes:
-    """Draw the residuals against brightness."""
-    ax = Figure(figsize=(6, 3), layout="constrained").subplots()
-    counts = calibration.observations.counts[0]
-    ax.axhline(0.0, color="0.6", lw=0.8)
-    ax.plot(calibration.observations.brightness[0][counts], 100 * calibration.residuals[0][counts], "o", ms=3)
-    ax.set(xlabel="brightness (relative, 0 to 1)", ylabel="residual (% of irradiance)", xlim=(0, 1))
-    return ax
-
-
 def _charts(result: CameraCalibration) -> str:
     """Show the chart where it was found most surely, with the boxes that were measured."""
     if not result.measured:
@@ -103,21 +90,14 @@ def _charts(result: CameraCalibration) -> str:
     name, measured = max(result.measured.items(), key=lambda item: item[1].confidence)
     with SafeReader() as reader:
         pixels = reader.run(read_image, result.photographs[name]).pixels
-    step = -(-pixels.shape[1] // _PICTURE_WIDTH)
-    ax = Figure(figsize=(8, 8 * pixels.shape[0] / pixels.shape[1]), layout="constrained").subplots()
-    ax.imshow(pixels[::step, ::step], extent=(0, 1, 1, 0), aspect="auto")
-    for box in chart_boxes(measured.corners):
-        ax.plot(*box[[0, 1, 2, 3, 0]].T, color=PALETTE[1], lw=1)
-    ax.set_axis_off()
+    ax = plot_chart(pixels, measured.corners, _axes(8.0, 8.0 * pixels.shape[0] / pixels.shape[1]))
     text = html.escape(f"Photograph {name} with the 24 patches that were measured")
     return f'<h2>Chart in {html.escape(name)}</h2>\n<img alt="{text}" src="{_picture(ax, "png")}">'
 
 
-def chart_boxes(corners: np.ndarray) -> np.ndarray:
-    """Return the outlines of the 24 patches, shape (24, 4, 2), as fractions of the image."""
-    column, row = np.meshgrid(np.arange(COLUMNS), np.arange(ROWS))
-    origin = np.stack([column.ravel(), row.ravel()], axis=-1) * (1 + GAP)
-    return project(homography(UNIT * SIZE, corners), origin[:, None] + UNIT)
+def _axes(width: float, height: float) -> Axes:
+    """Return axes of a figure that no notebook shows by itself."""
+    return Figure(figsize=(width, height), layout="constrained").subplots()
 
 
 def _picture(ax: Axes, kind: str = "svg") -> str:

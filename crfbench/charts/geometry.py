@@ -79,3 +79,15 @@ def sample_positions(corners: Array, n: int, share: float) -> Array:
     offsets = ((np.arange(n) + 0.5) / n - 0.5) * share
     inner = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
     return project(homography(SIZE * UNIT, corners), origins[:, None] + inner)
+
+
+def chart_boxes(corners: Array) -> Array:
+    """Return the outlines of the 24 patches, shape (24, 4, 2), as fractions of the image.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (4, 2)
+    """
+    rows, columns = np.divmod(np.arange(N_PATCHES), COLUMNS)
+    origins = np.column_stack([columns, rows]) * (1 + GAP)
+    return project(homography(SIZE * UNIT, corners), origins[:, None] + UNIT)
