@@ -55,7 +55,7 @@ def island(widget: anywidget.AnyWidget, state: Mapping[str, object] | None = Non
     """
     content = {"module": str(widget._esm), "css": str(widget._css), "state": {**_state(widget), **(state or {})}}
     # No "<" means that nothing in the JSON can end the script element it lies in.
-    text = json.dumps(content, default=_base64).replace("<", "\\u003c")
+    text = json.dumps(content, default=_base64, sort_keys=True).replace("<", "\\u003c")
     return f'<div></div>\n<script type="application/json" id="{name}">{text}</script>'
 
 
