@@ -6,8 +6,10 @@ import zipfile
 import numpy as np
 import pytest
 
-from crfbench.calibration import Observations
+from crfbench.calibration import Noise, Observations, calibrate
+from crfbench.curves import GRID
 from crfbench.errors import FormatError, InputError
+from crfbench.metrics import rmse
 from crfbench.models import EMoR, Gamma, load_model, ready
 from crfbench.models.ready import LEARNED
 from crfbench.models.weights import shipped_weights
@@ -186,3 +188,25 @@ def test_shipped_priors_are_those_of_the_dorf_curves(dorf_curves):
 
 def test_a_prior_is_the_only_thing_learned_for_gamma():
     assert np.array_equal(load_model("Gamma").decode([[2.0]]), Gamma("inverse").decode([[2.0]]))
+
+
+def test_an_absolute_reference_tells_the_scale_too():
+    model = load_model("EMoR", 3)
+    truth = model.decode([[0.4, -0.1, 0.02]])[0]
+    irradiance = np.array([0.01, 0.03, 0.08, 0.15])  # the lower end only: without the scale, many curves would do
+    brightness = np.interp(irradiance * 2.0 ** np.array([[0.0], [1.0]]), truth, GRID)
+    known = {"reference": irradiance, "exposures": [0.0, 1.0], "reference_error": 0.01}
+    noise = Noise(brightness=0.002, exposure=0.005)
+    absolute = calibrate(model, Observations(brightness, **known, absolute=True), noise=noise).curves[0]
+    relative = calibrate(model, Observations(brightness, **known), noise=noise).curves[0]
+    low = GRID <= brightness.max()
+    assert rmse(absolute[low], truth[low]) < 0.01
+    assert rmse(absolute[low], truth[low]) < rmse(relative[low], truth[low])
+    doubled = {**known, "reference": 2 * irradiance}
+    np.testing.assert_allclose(
+        calibrate(model, Observations(brightness, **doubled), noise=noise).curves[0], relative, atol=1e-9
+    )
+    twice = calibrate(model, Observations(brightness, **doubled, absolute=True), noise=noise).curves[0]
+    assert np.mean(twice[low]) > 1.3 * np.mean(absolute[low])
+    with pytest.raises(InputError, match="absolute=True needs both"):
+        Observations(brightness, irradiance, absolute=True)
