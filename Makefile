@@ -4,13 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: lab test tables bench notebooks lock clean
+.PHONY: lab test tables bench notebooks site lock clean
 
 lab: $(READY)
 	$(BIN)/crfbench lab notebooks
 
 # One BLAS thread: the matrices are small, and threads that wait for a busy core cost more than they bring.
-test tables bench: export OPENBLAS_NUM_THREADS = 1
+test tables bench site: export OPENBLAS_NUM_THREADS = 1
 test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -41,12 +41,17 @@ bench: $(READY)
 notebooks: $(READY)
 	$(BIN)/python scripts/execute_notebooks.py
 
+# The stored notebooks, the report and the reference as pages; look at them with: python3 -m http.server -d site
+site: $(READY)
+	rm -rf site
+	$(BIN)/python scripts/build_site.py
+
 # Freezes what .venv holds, but for build labels such as +cpu and what only PyTorch's GPU builds need.
 lock: $(READY)
 	$(BIN)/pip freeze --exclude-editable | sed 's/+[a-z0-9]*$$//' | grep -vE '^(nvidia-|cuda-|triton)' > requirements.lock
 
 clean:
-	rm -rf $(VENV) results
+	rm -rf $(VENV) results site
 
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v >= (3, 11) and v < (3, 14) or sys.exit(f"crfbench needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}; choose one with: make PYTHON=python3.12 $(MAKECMDGOALS)")'

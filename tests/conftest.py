@@ -46,3 +46,13 @@ def middlebury_folder() -> Path:
     if path is None:
         pytest.skip("the Middlebury images are absent: run 'crfbench fetch middlebury' and set CRFBENCH_DATA")
     return path
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the site once."""
+    import build_site
+
+    folder = tmp_path_factory.mktemp("site")
+    build_site.build(folder)
+    return folder

@@ -1,0 +1,261 @@
+"""Write the site: notebooks, report, reference and floors, for any file server; no page asks another server."""
+
+import ast
+import base64
+import html
+import inspect
+import io
+import re
+import sys
+import tomllib
+import warnings
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from pkgutil import walk_packages
+
+import anywidget
+import matplotlib.pyplot as plt
+import nbformat
+import pdoc
+from nbconvert import HTMLExporter
+from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
+from nbformat import NotebookNode
+from pygments.formatters import HtmlFormatter
+
+import crfbench
+from crfbench import plots, report, results
+from crfbench.files import write_atomically
+from crfbench.history import load_history
+from crfbench.models import MODELS
+from crfbench.tables.recorded import load_recorded
+from crfbench.widgets import EpochPlayer, LatentExplorer
+from crfbench.widgets.assets import join
+from crfbench.widgets.page import document, island
+from crfbench.widgets.search_explorer import SearchExplorer
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = {
+    "index.html": "crfbench",
+    "report.html": "Report",
+    "own-model.html": "Your own model",
+    "floors.html": "Floors",
+    "api/index.html": "API reference",
+}
+
+
+def build(folder: Path) -> None:
+    """Write every page into a folder."""
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        write_page(folder, f"notebooks/{path.stem}.html", notebook_body(nbformat.read(path, as_version=4)))
+    write_page(folder, "index.html", index_body())
+    write_page(folder, "own-model.html", markdown_to_html((ROOT / "docs/own-model.md").read_text(encoding="utf-8")))
+    write_page(folder, "floors.html", floors_body())
+    write_reference(folder / "api")
+    write_page(folder, "api/index.html", reference_body())
+    report.write_report(folder / "report.html")
+
+
+def write_page(folder: Path, name: str, body: str) -> None:
+    """Write a page of the body, whose first heading is its title, below links to the site's pages."""
+    up = "../" * name.count("/")
+    links = "".join(f'<li><a href="{up}{page}">{label}</a></li>' for page, label in PAGES.items())
+    title = html.unescape(re.sub("<[^>]+>", "", body[body.index("<h1") : body.index("</h1>")]))
+    content = f'<nav aria-label="Site"><ul>{links}</ul></nav>\n<main>{body}</main>'
+    page = document(title if title == "crfbench" else f"{title} – crfbench", content, style())
+    write_atomically(folder / name, page.encode())
+
+
+@cache
+def style() -> str:
+    """Return the styles: the report's, the site's own, and the colours of code by light and by dark."""
+    light, dark = (
+        HtmlFormatter(style=name, nobackground=True).get_style_defs(".highlight") for name in ("default", "github-dark")
+    )
+    own = (ROOT / "docs/site.css").read_text(encoding="utf-8")
+    return f"{join('report.css')}\n{own}\n{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}"
+
+
+def index_body() -> str:
+    """Return the beginning of the README, with its figure, and the list of notebooks."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0]
+    text = re.sub(
+        r"\]\((docs/[^)]+\.png)\)", lambda found: f"]({_data_address((ROOT / found[1]).read_bytes())})", readme
+    )
+    items = "".join(
+        f'<li><a href="notebooks/{path.stem}.html">{html.escape(title)}</a><br>{html.escape(question)}</li>'
+        for path, title, question in _notebooks()
+    )
+    return f"{markdown_to_html(_page_links(text))}\n<h2>Notebooks</h2>\n<ul>{items}</ul>"
+
+
+def markdown_to_html(markdown: str) -> str:
+    """Return Markdown as HTML, without a mark to link to behind each heading."""
+    renderer = IPythonRenderer(escape=False, exclude_anchor_links=True)
+    return str(MarkdownWithMath(renderer=renderer).render(markdown))
+
+
+def _notebooks() -> Iterator[tuple[Path, str, str]]:
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        first = nbformat.read(path, as_version=4).cells[0].source
+        question = re.search(r"\*\*The question\.\*\*\s+(.*?)(?:\n\n|$)", first, flags=re.DOTALL)
+        yield (
+            path,
+            first.splitlines()[0].lstrip("# "),
+            " ".join(question[1].replace("*", "").split()) if question else "",
+        )
+
+
+def _data_address(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
+
+
+def _page_links(markdown: str) -> str:
+    return re.sub(r"\]\(([^):]+)\.ipynb\)", r"](\1.html)", markdown)
+
+
+def notebook_body(notebook: NotebookNode) -> str:
+    """Return a notebook as it is stored, with widgets that live without Python in the place of stored ones."""
+    heading = ""
+    for number, cell in enumerate(notebook.cells):
+        if cell.cell_type == "markdown":
+            heading = (re.findall(r"^#+ (.+)$", cell.source, flags=re.MULTILINE) or [heading])[-1]
+            cell.source = _page_links(cell.source)
+        for output in cell.get("outputs", []):
+            if "data" in output:
+                _show(output, f"cell-{number}", _figure_text(cell.source, heading))
+    exporter = HTMLExporter(
+        template_name="basic", exclude_anchor_links=True, exclude_input_prompt=True, exclude_output_prompt=True
+    )
+    return exporter.from_notebook_node(notebook)[0]
+
+
+def _show(output: NotebookNode, name: str, text: str) -> None:
+    """Change an output to what a page without Python can show."""
+    data = output.data
+    if "application/vnd.jupyter.widget-view+json" in data:
+        output.data = NotebookNode({"text/html": _widget(data["text/plain"], name)})
+    elif "<table" in data.get("text/html", ""):
+        # Wide tables scroll, by keyboard too.
+        region = f'<div class="scroll" role="region" tabindex="0" aria-label="Table of {name}">'
+        data["text/html"] = f"{region}{data['text/html']}</div>"
+    elif "image/png" in data:
+        output.metadata["image/png"] = {"alt": text}
+
+
+def _widget(plain: str, name: str) -> str:
+    kind = plain.split("(", maxsplit=1)[0]
+    if kind in LIVING:
+        return island(LIVING[kind](), name=name)
+    what = f"<code>{html.escape(kind)}</code>" if kind.isidentifier() else "A progress bar"
+    still = STILL.get(kind, lambda: "")()
+    advice = "works with Python only: open this notebook with <code>make lab</code>."
+    return f'<p class="needs-python">{what} {advice}</p>{still}'
+
+
+def _figure_text(source: str, heading: str) -> str:
+    """Say what a figure shows: its section, and what the function that draws it says of itself."""
+    called = [node.func for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    names = [node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "") for node in called]
+    for name in names:
+        for home in (plots, report, results, crfbench.Calibration):
+            function = getattr(home, name, None)
+            if "Axes" in str(getattr(function, "__annotations__", {}).get("return")):
+                return f"{heading} – {inspect.getdoc(function)}".split("\n", maxsplit=1)[0]
+    return f"{heading} – drawn by the code above, described in the text below"
+
+
+def _fits_picture() -> str:
+    """Draw what the model explorer would: one curve and the best fit of each model, as a picture with its text."""
+    responses = crfbench.load_responses("opencrf")
+    models = {
+        str(kind.name): kind.from_curves(responses.curves, max(counts), "forward") for kind, counts in MODELS.items()
+    }
+    fits = {name: model.decode(model.fit(responses.curves[:1]))[0] for name, model in models.items()}
+    figure, axes = plt.subplots(figsize=(6, 4.5), layout="constrained")
+    plots.plot_comparison(responses.curves[0], fits, ax=axes)
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png")
+    plt.close(figure)
+    text = f"{responses.names[0]} and the best fits of {', '.join(fits)}"
+    return f'<img alt="{html.escape(text)}" src="{_data_address(picture.getvalue())}">'
+
+
+def _search_explorer() -> SearchExplorer:
+    seeds, table = load_recorded("search_seeds_dorf")[0], load_recorded("search_dorf")[0]
+    spread = seeds.groupby(["h1", "h2", "h3"])["mse"].std()
+    return SearchExplorer(table, m=10, spread=spread.loc[table.set_index(["h1", "h2", "h3"]).index])
+
+
+def _epoch_player() -> EpochPlayer:
+    return EpochPlayer({name: load_history(name.lower()) for name in ("LDL", "AUC", "AAE", "VAE", "baseline")})
+
+
+LIVING: dict[str, Callable[[], anywidget.AnyWidget]] = {
+    "EpochPlayer": _epoch_player,
+    "LatentExplorer": lambda: LatentExplorer.shipped(crfbench.load_responses("opencrf")),
+    "SearchExplorer": _search_explorer,
+    "SortableTable": report.sortable_leaderboard,
+}
+#: What stands in the place of a widget that needs Python.
+STILL = {"ModelExplorer": _fits_picture}
+
+
+def floors_body() -> str:
+    """Draw the floors that import-linter checks, the highest first, each module with what it says of itself."""
+    floors = "".join(f"<li>{''.join(map(_box, floor))}</li>" for floor in floors_of_the_package())
+    return (
+        "<h1>The floors</h1>\n<p>A module imports only from lower floors, and modules side by side do not import each "
+        f'other. import-linter checks both at every test run.</p>\n<ol class="floors" reversed>{floors}</ol>'
+    )
+
+
+def floors_of_the_package() -> list[list[str]]:
+    """Return the layers of pyproject.toml, the highest first, each with its modules."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    (contract,) = settings["tool"]["importlinter"]["contracts"]
+    return [[name.strip() for name in layer.split("|")] for layer in contract["layers"]]
+
+
+def _box(name: str) -> str:
+    return f'<div><a href="api/crfbench/{name}.html">{name}</a><p>{_says(f"crfbench.{name}")}</p></div>'
+
+
+def _says(module: str) -> str:
+    """Return the first sentence of a module's docstring as HTML."""
+    first = html.escape((import_module(module).__doc__ or "").split("\n\n")[0].replace("\n", " "))
+    return re.sub("``(.+?)``", r"<code>\1</code>", first)
+
+
+def modules() -> list[str]:
+    """Return the names of all modules of the package."""
+    return ["crfbench", *(found.name for found in walk_packages(crfbench.__path__, "crfbench."))]
+
+
+def write_reference(folder: Path) -> None:
+    """Write a page for each module, from its docstrings."""
+    for module in map(import_module, modules()):
+        for name in getattr(module, "__all__", ()):  # some are found when first used, but pdoc looks before
+            setattr(module, name, getattr(module, name))
+    pdoc.render.configure(docformat="numpy", show_source=False, favicon="data:,", template_directory=ROOT / "docs/pdoc")
+    with warnings.catch_warnings():  # modules named twice, and types that are there for the type checker only
+        warnings.filterwarnings("ignore", message="The module specification|Error parsing type annotation")
+        pdoc.pdoc(*modules(), output_directory=folder)
+    for path in (
+        *folder.rglob("*.html"),
+        folder / "search.js",
+    ):  # values that are modules tell where they lie on this machine
+        path.write_text(path.read_text(encoding="utf-8").replace(f"{ROOT}/", ""), encoding="utf-8")
+
+
+def reference_body() -> str:
+    """List all modules."""
+    items = "".join(
+        f'<li><a href="{name.replace(".", "/")}.html">{name}</a><br>{_says(name)}</li>' for name in modules()
+    )
+    return f"<h1>API reference</h1>\n<ul>{items}</ul>"
+
+
+if __name__ == "__main__":
+    build(Path(sys.argv[1]) if sys.argv[1:] else ROOT / "site")
