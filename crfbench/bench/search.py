@@ -84,7 +84,7 @@ def rows(sample: int = 6, epochs: int = 50) -> list[Row]:
     compared = compare(load_responses("auto"), sample, epochs)
     n = len(compared.table)
     note = (
-        f"plain loop on {sample} of {n} candidates, extrapolated to all, one thread against {os.cpu_count()} processes; "
+        f"plain loop on {sample} of {n} candidates, extrapolated, one thread against {os.cpu_count()} processes; "
         f"{epochs} of {EPOCHS} epochs"
     )
     name = f"search {n} architectures in {N_FOLDS} folds"
