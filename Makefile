@@ -27,15 +27,7 @@ tables: $(READY)
 	$(BIN)/crfbench table calibration --patches 24
 
 bench: $(READY)
-	$(BIN)/python benchmarks/fitting.py
-	$(BIN)/python benchmarks/decoding.py
-	$(BIN)/python benchmarks/slider.py
-	$(BIN)/python benchmarks/search.py
-	$(BIN)/python benchmarks/calibration.py
-	$(BIN)/python benchmarks/calibration_widget.py
-	$(BIN)/python benchmarks/charts.py
-	$(BIN)/python benchmarks/series.py
-	$(BIN)/python benchmarks/linearise.py
+	$(BIN)/crfbench bench --plots results
 
 # Runs every notebook from a fresh kernel and stores the outputs, without widget state or timings.
 notebooks: $(READY)

@@ -243,6 +243,26 @@ def search(
     _print_tables({title: result.table}, as_json)
 
 
+@app.command()
+def bench(
+    only: Annotated[str | None, typer.Option(metavar="NAME", help="One subject, such as fitting or slider.")] = None,
+    plots: Annotated[Path | None, typer.Option(help="Folder for figures of how the time grows.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Time what is claimed to be fast beside what one would take otherwise (minutes; leave the machine alone)."""
+    from crfbench.bench.collecting import collect, draw_growth, to_text
+
+    rows = []
+    for row in collect(only):
+        rows.append(row._asdict())
+        if not as_json:
+            typer.echo(to_text(row))
+    if as_json:
+        typer.echo(json.dumps(rows, indent=1))
+    for path in draw_growth(plots, only) if plots else ():
+        typer.echo(path, err=as_json)
+
+
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def lab(
     context: typer.Context,

@@ -4,7 +4,8 @@ import os
 from collections.abc import Callable, Iterator
 
 import pytest
-from jupyter_page import CHROMIUM_OPTIONS, KERNEL, Lab, find_chromium, notebook_text, running_lab
+
+from crfbench.bench.jupyter_page import CHROMIUM_OPTIONS, KERNEL, Lab, find_chromium, notebook_text, running_lab
 
 
 @pytest.fixture(scope="session")

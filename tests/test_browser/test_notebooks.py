@@ -5,8 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from jupyter_page import KERNEL
 
+from crfbench.bench.jupyter_page import KERNEL
 from crfbench.resources import shipped
 
 pytestmark = pytest.mark.browser

@@ -1,23 +1,21 @@
 """Calibration of 14 cameras under both illuminations beside other searches of the same loss, and how it grows.
 
-Run it with: make bench. The ratios are the claim; the seconds are of this machine and this minute. The loss is the
-paper's, in squared units of the chart's reference.
+Run it with: python -m crfbench.bench.calibration. The ratios are the claim; the seconds are of this
+machine and this minute. The loss is the paper's, in squared units of the chart's reference.
 """
 
 import argparse
-import os
 import resource
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
-from timing import median_seconds
 
+from crfbench.bench.growth import Growth, plot, print_growth
+from crfbench.bench.timing import Row, median_seconds, row
 from crfbench.calibration import Calibration, Observations, Table, calibrate, decode_table
 from crfbench.curves import GRID, Array
 from crfbench.datasets import load_patches
@@ -47,16 +45,37 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--plot", type=Path, help="write the growth as a figure")
     options = parser.parse_args()
-    brightness = patch_intensity(load_patches())["jpeg"].to_numpy().reshape(SETS, 4, 24)
+    brightness = _brightness()
     _print_timed("SLR-ldl, 1 parameter", one_parameter(brightness, options.repeats))
     _print_timed("SLR-ldl, 3 parameters", three_parameters(brightness, options.repeats))
-    growth = {"cameras": by_cameras(brightness), "patches": by_patches(brightness)}
-    for over, rows in growth.items():
-        _print_growth(over, rows)
+    found = [by_cameras(brightness, CAMERAS), by_patches(brightness)]
+    for growth in found:
+        print_growth(growth)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"\npeak memory of all this: {peak:.1f} GiB")
     if options.plot:
-        plot(growth, options.plot)
+        plot(found, options.plot)
+
+
+def rows(repeats: int = 3) -> list[Row]:
+    """Time grid and MAP beside the paper's search one by one and SciPy's two; the notes tell the loss of each."""
+    timed = one_parameter(_brightness(), repeats)
+    ours = [timed[0], next(each for each in timed if each.name.startswith("map"))]
+    return [_row(mine, other) for mine in ours for other in timed[-3:]]
+
+
+def _row(mine: Timed, other: Timed) -> Row:
+    note = f"{SETS} calibrations of 4 x 24 patches; mean loss {mine.loss:.0f} against {other.loss:.0f}"
+    return row(f"calibrate SLR(1), {mine.name}", mine.seconds, other.name, other.seconds, note)
+
+
+def growths() -> list[Growth]:
+    """Time the growing methods over two decades of cameras and of patches."""
+    return [by_cameras(_brightness(), CAMERAS[:-1]), by_patches(_brightness())]
+
+
+def _brightness() -> Array:
+    return patch_intensity(load_patches())["jpeg"].to_numpy().reshape(SETS, 4, 24)
 
 
 def one_parameter(brightness: Array, repeats: int) -> list[Timed]:
@@ -92,7 +111,7 @@ def one_after_another(model: ResponseModel, brightness: Array) -> Timed:
     ]
     loss = np.mean([paper_loss(run.curves[0], b) for run, b in zip(runs, brightness, strict=True)])
     seconds = STARTS * sum(run.seconds for run in runs)
-    return Timed(f"the same, one by one (x {STARTS}; loss of 1)", seconds, float(loss))
+    return Timed(f"the paper's search, one by one (1 start x {STARTS})", seconds, float(loss))
 
 
 def scipy_search(name: str, search: Search, model: ResponseModel, table: Table, brightness: Array) -> Timed:
@@ -143,25 +162,25 @@ def _print_timed(title: str, rows: list[Timed]) -> None:
         print(f"{name:<44}{seconds:9.3f}{loss:11.1f}{seconds / rows[0].seconds:9.1f}")
 
 
-def by_cameras(brightness: Array) -> list[tuple[int, Array]]:
+def by_cameras(brightness: Array, counts: tuple[int, ...]) -> Growth:
     """Time the growing methods for more and more cameras: random mixtures of the real ones, with noise."""
     rng = np.random.default_rng(0)
-    rows = []
-    for n in CAMERAS:
+    seconds = []
+    for n in counts:
         mixed = np.tensordot(rng.dirichlet(np.ones(SETS), size=n), brightness, axes=1)
-        rows.append((n, _growing(mixed + rng.normal(scale=0.01, size=mixed.shape), REFERENCE_IRRADIANCE)))
-    return rows
+        seconds.append(_growing(mixed + rng.normal(scale=0.01, size=mixed.shape), REFERENCE_IRRADIANCE))
+    return Growth("cameras", GROWING, counts, np.array(seconds))
 
 
-def by_patches(brightness: Array) -> list[tuple[int, Array]]:
+def by_patches(brightness: Array) -> Growth:
     """Time the growing methods for all cameras and more and more patches: the real ones again and again, with noise."""
     rng = np.random.default_rng(1)
-    rows = []
+    seconds = []
     for p in PATCHES:
         chosen = np.arange(p) * (7 if p < 24 else 1) % 24  # a few of them, spread over the chart
         seen = brightness[..., chosen] + rng.normal(scale=0.01, size=(SETS, 4, p))
-        rows.append((p, _growing(seen, REFERENCE_IRRADIANCE[chosen])))
-    return rows
+        seconds.append(_growing(seen, REFERENCE_IRRADIANCE[chosen]))
+    return Growth("patches", GROWING, PATCHES, np.array(seconds))
 
 
 def _growing(brightness: Array, reference: Array) -> Array:
@@ -170,29 +189,6 @@ def _growing(brightness: Array, reference: Array) -> Array:
     repeats = 3 if brightness.size < 10**5 else 1
     run = partial(calibrate, model, observations, table=table)
     return np.array([median_seconds(partial(run, method), repeats) for method in GROWING])
-
-
-def _print_growth(over: str, rows: list[tuple[int, Array]]) -> None:
-    print(f"\nseconds by number of {over}, SLR-ldl with 1 parameter")
-    print(f"{over:>8}" + "".join(f"{method:>11}{'ms each':>9}" for method in GROWING))
-    for n, seconds in rows:
-        print(f"{n:8d}" + "".join(f"{each:11.4f}{1e3 * each / n:9.3f}" for each in seconds))
-
-
-def plot(growth: dict[str, list[tuple[int, Array]]], target: Path) -> None:
-    """Draw seconds over size, doubly logarithmic, with a dotted guide that is proportional to the size."""
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, len(growth), figsize=(9, 3.6), sharey=True, layout="constrained")
-    for ax, (over, rows) in zip(axes, growth.items(), strict=True):
-        sizes, seconds = np.array([n for n, _ in rows]), np.array([each for _, each in rows])
-        for method, each in zip(GROWING, seconds.T, strict=True):
-            ax.loglog(sizes, each, "o-", label=method)
-        ax.loglog(sizes, sizes * seconds[-1, 0] / sizes[-1], ":", color="grey", label="proportional")
-        ax.set(xlabel=f"number of {over}")
-    axes[0].set(ylabel="time (s)")
-    axes[0].legend()
-    figure.savefig(target)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """From a click to the picture of a new calibration: CalibrationExplorer against `interact` with inline matplotlib.
 
 Both run in the same JupyterLab and the same real Chromium, one after the other; each click takes a patch out of
-the same calibration or puts it back. Run it with: python benchmarks/calibration_widget.py. The ratio is the claim; the
-milliseconds are of this machine and this minute. A click begins at the release of the button; see slider.py.
+the same calibration or puts it back. Run it with: python -m crfbench.bench.calibration_widget. The ratio is the
+claim; the milliseconds are of this machine and this minute. A click begins at the release of the button; see slider.py.
 """
 
 import argparse
@@ -10,9 +10,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from jupyter_page import CHROMIUM_OPTIONS, Lab, find_chromium, running_lab
 from playwright.sync_api import Page, sync_playwright
-from slider import Variant, milliseconds, open_variant
+
+from crfbench.bench.jupyter_page import CHROMIUM_OPTIONS, Lab, find_chromium, running_lab
+from crfbench.bench.slider import Variant, milliseconds, open_variant
+from crfbench.bench.timing import Row, row, skipped
 
 OURS = """from crfbench.widgets import CalibrationExplorer
 explorer = CalibrationExplorer()
@@ -59,14 +61,31 @@ def main() -> None:
     """Print median and 95th percentile of all, and how many times faster ours are."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clicks", type=int, default=60)
-    clicks = parser.parse_args().clicks
+    *ours, theirs = compare(parser.parse_args().clicks)
+    print("ratio of the medians:", ", ".join(f"{theirs / own:.1f} x" for own in ours))
+
+
+def rows(clicks: int = 20) -> list[Row]:
+    """Time clicks; the medians."""
+    if find_chromium() is None:
+        return [skipped("click on a patch", "Chromium is absent")]
+    *ours, theirs = compare(clicks)
+    note = f"median of {clicks} clicks, from release to picture in Chromium"
+    return [
+        row(f"click on a patch, {variant.name}", own / 1e3, VARIANTS[-1].name, theirs / 1e3, note)
+        for variant, own in zip(VARIANTS, ours, strict=False)
+    ]
+
+
+def compare(clicks: int) -> list[float]:
+    """Measure all variants in one browser; return the median milliseconds of each."""
     with tempfile.TemporaryDirectory() as home, running_lab(Path(home), Path(home)) as lab, sync_playwright() as run:
         browser = run.chromium.launch(executable_path=find_chromium(), args=CHROMIUM_OPTIONS)
         print(f"{clicks} clicks each, Chromium {browser.version}, milliseconds")
         pages = [browser.new_page(viewport={"width": 1200, "height": 900}) for _ in VARIANTS]
-        *ours, theirs = [measure(page, lab, variant, clicks) for page, variant in zip(pages, VARIANTS, strict=True)]
+        medians = [measure(page, lab, variant, clicks) for page, variant in zip(pages, VARIANTS, strict=True)]
         browser.close()
-    print("ratio of the medians:", ", ".join(f"{theirs / own:.1f} x" for own in ours))
+    return medians
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """From files to a response, end to end: synthetic cameras of random OpenCRF responses, four photographs each.
 
-Run it with: python benchmarks/camera.py. Every photograph has its own random view, background and noise. Counted are
-the photographs whose chart is found, and the RMSE of the response against the true one, with RAW files and from the
-JPEGs alone (then the published colours of the chart stand in for the RAW). Shares and errors are the claim.
+Run it with: python -m crfbench.bench.camera. Every photograph has its own random view, background and noise. Counted
+are the photographs whose chart is found, and the RMSE of the response against the true one, with RAW files and from
+the JPEGs alone (then the published colours of the chart stand in for the RAW). Shares and errors are the claim.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """From a move of the latent slider to the picture: LatentExplorer against `interact` with inline matplotlib.
 
 Both run in the same JupyterLab and the same real Chromium, one after the other, with the same model and the same
-moves by keyboard and by mouse. Run it with: python benchmarks/slider.py. The ratio is the claim; the milliseconds are
-of this machine and this minute.
+moves by keyboard and by mouse. Run it with: python -m crfbench.bench.slider. The ratio is the claim; the milliseconds
+are of this machine and this minute.
 
 A move begins at the time stamp of its key or mouse event. It ends with the first task after the frame in which the
 last stroke on a canvas was made, or in which the last new image, decoded, was shown. A stroke made within an animation
@@ -18,8 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jupyter_page import CHROMIUM_OPTIONS, KERNEL, Lab, find_chromium, notebook_text, running_lab
 from playwright.sync_api import Locator, Page, sync_playwright
+
+from crfbench.bench.jupyter_page import CHROMIUM_OPTIONS, KERNEL, Lab, find_chromium, notebook_text, running_lab
+from crfbench.bench.timing import Row, row, skipped
 
 OURS = """from crfbench import load_responses
 from crfbench.models.slr import SLR
@@ -147,7 +149,7 @@ def open_variant(page: Page, lab: Lab, variant: Variant) -> Locator:
     (lab.folder / "slider.ipynb").write_text(notebook_text([variant.cell]), encoding="utf-8")
     page.add_init_script(WATCH)
     page.goto(lab.page("slider.ipynb"))
-    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'")
+    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'", timeout=90_000)  # a busy machine starts slowly
     page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
     handle = page.locator(variant.handle).first
     handle.wait_for(timeout=60_000)
@@ -160,15 +162,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--moves", type=int, default=120, help="of each kind")
     moves = parser.parse_args().moves
-    with tempfile.TemporaryDirectory() as home, running_lab(Path(home), Path(home)) as lab:
-        ours, theirs = compare(lab, moves)
+    ours, theirs = compare(moves)
     print("ratio of the medians:", ", ".join(f"{b / a:.1f} x" for a, b in zip(ours, theirs, strict=True)))
 
 
-def compare(lab: Lab, moves: int) -> list[list[float]]:
-    """Measure all variants in one browser."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=find_chromium(), args=CHROMIUM_OPTIONS)
+def rows(moves: int = 30) -> list[Row]:
+    """Time moves by keyboard and by mouse; the medians."""
+    if find_chromium() is None:
+        return [skipped("move of the latent slider", "Chromium is absent")]
+    ours, theirs = compare(moves)
+    note = f"median of {moves} moves, from input to picture in Chromium"
+    return [
+        row(f"move of the latent slider by {way}", own / 1e3, VARIANTS[1].name, other / 1e3, note)
+        for way, own, other in zip(("keyboard", "mouse"), ours, theirs, strict=True)
+    ]
+
+
+def compare(moves: int) -> list[list[float]]:
+    """Measure all variants in one browser; return milliseconds, by keyboard and by mouse, of each."""
+    with tempfile.TemporaryDirectory() as home, running_lab(Path(home), Path(home)) as lab, sync_playwright() as run:
+        browser = run.chromium.launch(executable_path=find_chromium(), args=CHROMIUM_OPTIONS)
         print(f"{moves} moves by keyboard and by mouse each, Chromium {browser.version}, milliseconds")
         medians = []
         for variant in VARIANTS:

@@ -1,10 +1,10 @@
 """Calibrating and merging exposure series without a chart: crfbench beside OpenCV, same photographs, one thread each.
 
-Run it with: python benchmarks/series.py. Every series has another OpenCRF response, a random scene of 3.5 decades and
-five noisy exposures of 8 bits, one stop apart. RMSE is that of the inverse response over the levels that occur, with
-the one scale that fits each method best. The radiance error is the median relative error over all pixels that some
-exposure shows unclipped, again with the best scale for each channel. OpenCV gets the full images. RMSE and errors, and
-their ratios to the best of OpenCV, are the claim; the seconds are of this machine and this minute.
+Run it with: python -m crfbench.bench.series. Every series has another OpenCRF response, a random scene of 3.5 decades
+and five noisy exposures of 8 bits, one stop apart. RMSE is that of the inverse response over the levels that occur,
+with the one scale that fits each method best. The radiance error is the median relative error over all pixels that
+some exposure shows unclipped, again with the best scale for each channel. OpenCV gets the full images. RMSE and errors,
+and their ratios to the best of OpenCV, are the claim; the seconds are of this machine and this minute.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from crfbench.bench.timing import Row, row
 from crfbench.calibration import Calibration
 from crfbench.curves import GRID, Array, evaluate, repair
 from crfbench.datasets import load_opencrf
@@ -100,28 +101,48 @@ def radiance_error(radiance: NDArray[np.floating], series: ExposureSeries) -> fl
     return float(np.nanmedian(np.abs(ratio / np.nanmedian(ratio, axis=(0, 1)) - 1.0)))
 
 
+def rendered(count: int, size: tuple[int, int]) -> list[tuple[ExposureSeries, Array]]:
+    """Return series and their responses, the same for every method."""
+    cv2.setNumThreads(1)
+    curves = load_opencrf().curves
+    curves = curves[np.linspace(0, len(curves) - 1, count).astype(int)]
+    return [(render_series(curve, seed, size=size), curve) for seed, curve in enumerate(curves)]
+
+
+def rows(count: int = 5, size: tuple[int, int] = (480, 320)) -> list[Row]:
+    """Time calibration without a chart with PPISP, the default of the command line, beside OpenCV's two."""
+    made = rendered(count, size)
+    ours("PPISP", 4, made[0][0])  # the first call loads and imports
+    mine = _means(partial(ours, "PPISP", 4), made)
+    return [_row(name, mine, _means(partial(opencv, name), made), count, size) for name in _OPENCV]
+
+
+def _means(run: Callable[[ExposureSeries], Found], made: list[tuple[ExposureSeries, Array]]) -> Array:
+    return np.mean([outcome(run, one, curve) for one, curve in made], axis=0)
+
+
+def _row(name: str, mine: Array, theirs: Array, count: int, size: tuple[int, int]) -> Row:
+    note = f"mean of {count} series; RMSE {mine[0]:.4f} against {theirs[0]:.4f}; ours gives a band too; one thread each"
+    what = f"calibrate 5 exposures of {size[0]} x {size[1]} without a chart, PPISP(4)"
+    return row(what, float(mine[3]), f"OpenCV {name}", float(theirs[3]), note)
+
+
 def main() -> None:
     """Print one line a method."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--series", type=int, default=20)
     parser.add_argument("--size", type=int, nargs=2, default=(480, 320))
     options = parser.parse_args()
-    cv2.setNumThreads(1)
-    curves = load_opencrf().curves
-    curves = curves[np.linspace(0, len(curves) - 1, options.series).astype(int)]
-    series = [render_series(curve, seed, size=tuple(options.size)) for seed, curve in enumerate(curves)]
+    made = rendered(options.series, tuple(options.size))
     methods = {f"OpenCV {name}": partial(opencv, name) for name in _OPENCV}
     methods |= {f"{name} {k}": partial(ours, name, k) for name, k in _MODELS}
-    rows = {
-        name: np.array([outcome(run, one, curve) for one, curve in zip(series, curves, strict=True)])
-        for name, run in methods.items()
-    }
-    best = np.min([rows[f"OpenCV {name}"].mean(axis=0)[:2] for name in _OPENCV], axis=0)
-    print(f"{len(series)} series of {options.size[0]} x {options.size[1]}; means over series, ratios to OpenCV's best")
+    found = {name: np.array([outcome(run, one, curve) for one, curve in made]) for name, run in methods.items()}
+    best = np.min([found[f"OpenCV {name}"].mean(axis=0)[:2] for name in _OPENCV], axis=0)
+    print(f"{len(made)} series of {options.size[0]} x {options.size[1]}; means over series, ratios to OpenCV's best")
     columns = ("RMSE", "median", "max", "ratio", "better", "radiance", "ratio", "coverage", "calib. s", "merge s")
     print(f"{'':<17}" + "".join(f"{column:>10}" for column in columns))
-    least = np.min([rows[f"OpenCV {name}"][:, 0] for name in _OPENCV], axis=0)
-    for name, each in rows.items():
+    least = np.min([found[f"OpenCV {name}"][:, 0] for name in _OPENCV], axis=0)
+    for name, each in found.items():
         rmse, radiance, coverage, *seconds = each.mean(axis=0)
         print(f"{name:<17}{rmse:>10.4f}{np.median(each[:, 0]):>10.4f}{each[:, 0].max():>10.4f}", end="")
         print(f"{rmse / best[0]:>10.2f}{(each[:, 0] < least).mean():>10.0%}{radiance:>10.2%}", end="")

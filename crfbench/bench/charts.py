@@ -1,9 +1,9 @@
 """Finding a colour chart in rendered photographs: share found, patch error and time, beside OpenCV's detector alone.
 
-Run it with: python benchmarks/charts.py. Every scene has a random OpenCRF response, view, background, light and noise.
-The patch error is the mean absolute difference between the measured patches and the response at their true irradiance,
-in JPEG units (0 to 255), over the patches of one photograph. Shares and errors are the claim; the seconds are of this
-machine and this minute.
+Run it with: python -m crfbench.bench.charts. Every scene has a random OpenCRF response, view, background, light and
+noise. The patch error is the mean absolute difference between the measured patches and the response at their true
+irradiance, in JPEG units (0 to 255), over the patches of one photograph. Shares and errors are the claim; the seconds
+are of this machine and this minute.
 """
 
 import argparse
