@@ -4,20 +4,26 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: lab test tables bench notebooks site lock clean
+.PHONY: lab test test-quick tables bench notebooks site lock clean
 
 lab: $(READY)
 	$(BIN)/crfbench lab notebooks
 
 # One BLAS thread: the matrices are small, and threads that wait for a busy core cost more than they bring.
-test tables bench site: export OPENBLAS_NUM_THREADS = 1
+test test-quick tables bench site: export OPENBLAS_NUM_THREADS = 1
+NBVAL := --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
 test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n auto --dist loadfile
-	$(BIN)/python -m pytest notebooks -n auto --dist loadfile --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
+	$(BIN)/python -m pytest notebooks -n auto --dist loadfile $(NBVAL)
+
+# All but the linters and the browser's tests.
+test-quick: $(READY)
+	$(BIN)/python -m pytest -n auto --dist loadfile --ignore tests/test_browser
+	$(BIN)/python -m pytest notebooks -n auto --dist loadfile $(NBVAL)
 
 tables: $(READY)
 	$(BIN)/crfbench tables --out results
