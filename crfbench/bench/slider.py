@@ -149,7 +149,8 @@ def open_variant(page: Page, lab: Lab, variant: Variant) -> Locator:
     (lab.folder / "slider.ipynb").write_text(notebook_text([variant.cell]), encoding="utf-8")
     page.add_init_script(WATCH)
     page.goto(lab.page("slider.ipynb"))
-    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'", timeout=90_000)  # a busy machine starts slowly
+    page.wait_for_selector(".jp-CodeCell", timeout=60_000)  # until JupyterLab is there, its name is an error
+    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'")
     page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
     handle = page.locator(variant.handle).first
     handle.wait_for(timeout=60_000)
