@@ -83,7 +83,7 @@ def latents(as_json: AsJson = False) -> None:
 @table_app.command()
 def calibration(
     patches: Annotated[str, typer.Option(help="3 (greys), 24 or random (triples)")] = "3",
-    method: Annotated[str, typer.Option(help="map, posterior, lm or paper (a minute)")] = "map",
+    method: Annotated[str, typer.Option(help="map, posterior, lm or paper (minutes)")] = "map",
     channel: Annotated[str, typer.Option(help="intensity, r, g or b")] = "intensity",
     as_json: AsJson = False,
 ) -> None:
@@ -280,15 +280,17 @@ def lab(
 
 
 def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
-    """Print as text every table under its title; as JSON the rows of the first, the one computed now."""
+    """Print as text every table under its title, with what is the same in all rows; as JSON the rows of the first."""
     from crfbench.tables.recorded import to_rows
 
     if as_json:
         typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
         return
     for title, frame in tables.items():
-        text = frame.to_string(index=False, na_rep="-", float_format=lambda value: f"{value:.3g}")
-        typer.echo(f"{title}\n{text}\n")
+        same = [name for name in frame if len(frame) > 1 and frame[name].nunique(dropna=False) == 1]
+        told = [f"{name}: {frame[name].iloc[0]}" for name in same if frame[name].notna().all()]
+        text = frame.drop(columns=same).to_string(index=False, na_rep="-", float_format=lambda value: f"{value:.3g}")
+        typer.echo("\n".join([title, *told, text, ""]))
 
 
 def main() -> None:

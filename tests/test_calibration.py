@@ -12,10 +12,11 @@ from crfbench.calibration import METHODS, Noise, Observations, calibrate, decode
 from crfbench.calibration.alignment import AlignedLoss
 from crfbench.curves import as_valid_curves
 from crfbench.datasets import load_patches
-from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, patch_intensity
+from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, patch_arrays, patch_intensity
 from crfbench.errors import CrfbenchError, InputError
 from crfbench.metrics import rmse
 from crfbench.models import GGCM, Gamma, load_model
+from crfbench.tables.calibration import chart_observations
 
 SHARP = Noise(brightness=1e-3, exposure=1e-3)
 CASES = [
@@ -210,17 +211,19 @@ def test_doubtful_observations_are_warned_of():
     assert "brightness falls where the reference rises" in warned(rising[:, ::-1], reference=reference)
     assert "only 2 patches" in warned(rising[:, [2, 7]], reference=reference[[2, 7]])
     assert "3 of 10 observations are clipped" in warned(np.minimum(1.4 * rising, 1), reference=reference)
-    assert "hardly narrow the prior" in warned([[0.499, 0.501]], reference=[1.0, 1.004])
+    assert "the observations say little" in warned([[0.499, 0.501]], reference=[1.0, 1.004])
     bright = np.linspace(0.8, 0.98, 10)
     steep = Observations([bright], bright**25, reference_error=1e-4)
     found = calibrate(load_model("Gamma"), steep, noise=SHARP)
-    assert "at the edge of what the prior expects" in found.warnings[0][0]
+    assert "at the edge of what the prior expects" in "".join(found.warnings[0])
+    mixed = np.array([[0.2, 0.3, 0.4, 0.5], [0.5, 0.4, 0.3, 0.6]])  # two photographs that contradict each other
+    assert "times as widely as their noise lets expect" in warned(mixed, reference=[1.0, 1.1, 1.2, 1.3])
 
 
-def test_nothing_is_said_of_real_cameras(middlebury):
+def test_of_real_cameras_only_clipping_is_said():
     model, table = ready("SLR-ldl", 1)
-    found = calibrate(model, Observations(middlebury, REFERENCE_IRRADIANCE), "posterior", table=table)
-    assert not any(found.warnings)
+    found = calibrate(model, chart_observations(patch_arrays(load_patches()))[0], "posterior", table=table)
+    assert all("clipped" in warning for warnings in found.warnings for warning in warnings)
 
 
 # --- whatever comes in

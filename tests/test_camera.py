@@ -16,7 +16,7 @@ import tifffile
 mpl.use("agg")
 import matplotlib.pyplot as plt
 
-from crfbench.camera import CHOICES, calibrate_chart, linearised_patches, write_outputs
+from crfbench.camera import CHOICES, calibrate_chart, calibrate_exposures, linearised_patches, write_outputs
 from crfbench.camera.files import digest
 from crfbench.camera.observing import observe_chart, separate
 from crfbench.charts import chart_table, pair_photographs, save_labels
@@ -89,6 +89,10 @@ def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
 def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
     with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller"):
         calibrate_chart(tmp_path)
+    with pytest.raises(InputError, match="there is no .*nowhere"):
+        calibrate_chart(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="0 photographs of a series are left"):
+        calibrate_exposures(tmp_path)
     with pytest.raises(InputError, match=f"use one of {', '.join(CHOICES)}"):
         calibrate_chart(tmp_path, model="magic")
 
@@ -240,7 +244,12 @@ def test_a_read_only_folder_is_named(result, tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(("--exposures", "a,b"), "numbers such as"), (("--model", "x"), "slr"), (("--chart", "no.json"), "no.json")],
+    [
+        (("--exposures", "a,b"), "numbers such as"),
+        (("--exposures", "1,2,4"), "RAW files tell them better"),
+        (("--model", "x"), "slr"),
+        (("--chart", "no.json"), "no.json"),
+    ],
 )
 def test_mistakes_are_one_sentence_and_status_2(folder, tmp_path, arguments, words):
     done = run("calibrate", folder, "--out", tmp_path / "out", *arguments)

@@ -19,6 +19,7 @@ from crfbench.models import ResponseModel
 METHODS = ("paper", "grid", "lm", "map", "posterior")
 
 _FEW = 4  # patches; with fewer, the prior says much
+_WIDE = 1.25  # times the stated noise; beyond, something else than noise is at work
 
 
 def calibrate(
@@ -66,7 +67,7 @@ def calibrate(
         For a model of the other direction or without a prior, a table of another model, and for an unknown method or
         one that does not fit the model or the observations.
     """
-    _check(model, method)
+    _check(model, observations, method)
     _check_table(model, table)
     began = time.perf_counter()
     noise = noise or Noise()
@@ -86,7 +87,11 @@ def calibrate(
     return _result(model, method, observations, noise, free, (scale, belief), began)
 
 
-def _check(model: ResponseModel, method: str) -> None:
+def _check(model: ResponseModel, observations: Observations, method: str) -> None:
+    for name, value, kind in (("model", model, ResponseModel), ("observations", observations, Observations)):
+        if not isinstance(value, kind):
+            made = "load_model(name)" if kind is ResponseModel else "Observations(brightness, reference)"
+            raise InputError(f"{name} is a {type(value).__name__}; use what {made} gives")
     if method not in METHODS:
         raise InputError(f"method={method!r} is not known; use one of {', '.join(METHODS)}")
     if model.direction != "inverse":
@@ -129,7 +134,7 @@ def _result(
         params,
         curves,
         np.stack([np.nanmin(measured, axis=(1, 2)), np.nanmax(measured, axis=(1, 2))], axis=1),
-        _warnings(model, observations, free, belief),
+        _warnings(model, observations, free, (scale, belief)),
         time.perf_counter() - began,
         scale,
         belief,
@@ -138,8 +143,10 @@ def _result(
 
 
 def _warnings(
-    model: ResponseModel, observations: Observations, free: Array, belief: Belief | None
+    model: ResponseModel, observations: Observations, free: Array, extras: tuple[Array | None, Belief | None]
 ) -> tuple[tuple[str, ...], ...]:
+    scale, belief = extras
+    wide = np.zeros(len(free)) if scale is None else scale
     used = observations.weights > 0
     clipped, total = (observations.clipped & used).sum(axis=(1, 2)), used.sum(axis=(1, 2))
     patches = observations.counts.any(axis=1).sum(axis=1)
@@ -152,7 +159,12 @@ def _warnings(
                 (clipped[i] > 0.1 * total[i], f"{clipped[i]} of {total[i]} observations are clipped"),
                 (patches[i] < _FEW, f"only {patches[i]} patches: the prior says much of this curve"),
                 (falling[i], "brightness falls where the reference rises; check the order of the patches"),
-                (flat[i], "the data hardly narrow the prior"),
+                (
+                    wide[i] > _WIDE,
+                    f"the observations scatter {wide[i]:.1f} times as widely as their noise lets expect; check that "
+                    "the scene stood still and that exposures and reference are right",
+                ),
+                (flat[i], "the observations say little: the curve is mostly what the model expects beforehand"),
                 (edge[i], "the best parameters lie at the edge of what the prior expects"),
             )
             if holds

@@ -103,12 +103,17 @@ def calibrate_chart(
         When no photograph with a chart is left, or something else does not fit.
     """
     ready = chosen_model(model or _DEFAULT)
+    _check_there(source)
     pairing = pair_photographs(source)
     table = chart_table(pairing.pairs, load_labels(labels) if labels else None)
     problems = pairing.problems + table.problems
     if table.patches.empty:
         raise InputError(_nothing_left(problems))
     used = [pair for pair in pairing.pairs if pair.name in table.measured]
+    if exposures is not None and all(pair.raw for pair in used):
+        raise InputError(
+            "exposures are given, and the RAW files tell them better; leave exposures out, or the RAW files"
+        )
     steps = None if exposures is None else _stops(exposures, [pair.name for pair in used])
     observations = observe_chart(table.patches, steps)
     noise = _WITH_RAW if observations.absolute else Noise()
@@ -150,9 +155,15 @@ def calibrate_exposures(
         When fewer than two photographs are left, or something else does not fit.
     """
     ready = chosen_model(model or _DEFAULT_FREE)
+    _check_there(source)
     paths = sorted(source.iterdir()) if isinstance(source, Path) else sorted(Path(path) for path in source)
     images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")]
     series = read_series(images, "exif" if exposures is None else list(exposures))
+    if len(series.images) < 2:
+        reasons = _reasons(series.problems)
+        raise InputError(
+            f"{len(series.images)} photographs of a series are left ({reasons}); use two or more exposures"
+        )
     calibration = calibrate_series(
         series.images, series.stops, ready, exposure_error=_NOMINAL if exposures is None else _EXACT
     )
@@ -219,6 +230,21 @@ def _stops(exposures: Sequence[float], names: list[str]) -> np.ndarray:
     return np.log2(times)
 
 
+def _check_there(source: Path | Iterable[Path]) -> None:
+    """Raise `InputError` for a path that leads nowhere."""
+    missing = [path for path in ([source] if isinstance(source, Path) else map(Path, source)) if not path.exists()]
+    if missing:
+        raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
+
+
 def _nothing_left(problems: list[Problem]) -> str:
-    reasons = "; ".join(problem.reason for problem in problems[:3]) or "the folder holds no photograph"
-    return f"no photograph with a chart is left ({reasons}); mark the corners with ChartLabeller, or use other files"
+    return (
+        f"no photograph with a chart is left ({_reasons(problems)}); "
+        "mark the corners with ChartLabeller, or use other files"
+    )
+
+
+def _reasons(problems: list[Problem]) -> str:
+    """Say of the first few files why they were left out."""
+    rest = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
+    return "; ".join(problem.reason for problem in problems[:3]) + rest or "there is no photograph"

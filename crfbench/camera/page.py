@@ -10,10 +10,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from crfbench.calibration import Calibration
 from crfbench.camera.files import CameraCalibration
 from crfbench.charts import SafeReader, read_image
 from crfbench.plots import plot_calibration, plot_chart, plot_residuals
 
+_GREYS = slice(18, 24)
+_COLOURS = (
+    "<p>Coloured patches lie off the curve by nature: each channel is bent by itself, and the mean of bent values is "
+    "not the bent mean. They count for less, by how coloured they are; the grey patches decide.</p>"
+)
 _PAGE = Template(
     """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -29,8 +35,11 @@ th, td { text-align: left; padding: .2rem .8rem .2rem 0; vertical-align: top; ov
 $warnings
 <h2>Inverse response</h2>
 <img alt="$curve_text" src="$curve">
+<p>The bands tell what the photographs leave open within the model's family of curves. How far a camera departs from
+that family they do not know. The passport holds the nearest curve that never falls.</p>
 <h2>Residuals</h2>
 <img alt="$residual_text" src="$residuals">
+$note
 $charts
 <h2>Left out</h2>
 $problems
@@ -54,6 +63,7 @@ def report_page(result: CameraCalibration) -> str:
         curve_text=f"Inverse response with its bands; measured from brightness {low:.2f} to {high:.2f}",
         residuals=residuals,
         residual_text="Residual of every patch against its brightness, in per cent of irradiance",
+        note=_COLOURS if result.measured else "",
         charts=_charts(result),
         problems=_list([problem.reason for problem in result.problems], "No file was left out."),
     )
@@ -68,10 +78,20 @@ def _facts(result: CameraCalibration) -> list[tuple[str, str]]:
         ("photographs", ", ".join(result.photographs)),
         ("measurements", f"{int(counts.sum())}, {int((~counts).sum())} clipped or left out"),
         ("brightness measured", f"{passport.valid_range[0]:.3f} to {passport.valid_range[1]:.3f}"),
-        ("root mean square residual", f"{100 * rms:.1f} % of irradiance"),
+        (
+            "root mean square residual",
+            f"{100 * rms:.1f} % of irradiance{_of_greys(calibration) if result.measured else ''}",
+        ),
         ("SHA-256 of the files", passport.data_sha256),
         ("crfbench", passport.version),
     ]
+
+
+def _of_greys(calibration: Calibration) -> str:
+    """Say how large the residual of the six grey patches is by itself."""
+    counts = calibration.observations.counts[0][:, _GREYS]
+    squares = calibration.residuals[0][:, _GREYS][counts] ** 2
+    return f"; of the grey patches {100 * np.sqrt(squares.mean()):.1f} %" if squares.size else ""
 
 
 def _fact(name: str, value: str) -> str:

@@ -14,6 +14,7 @@ from crfbench.models.ggcm import GGCM
 from crfbench.models.polynomial import Polynomial
 from crfbench.models.ppisp import PPISP
 from crfbench.models.slr import SLR
+from crfbench.models.weights import shipped_weights
 from crfbench.resources import shipped
 
 LEARNED = "data/dorf_priors.npz"
@@ -52,8 +53,7 @@ def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -
     try:
         with shipped(LEARNED).open("rb") as file, np.load(file, allow_pickle=False) as learned:
             if f"{key}.mean" not in learned:
-                names = sorted({entry.rsplit("-", 1)[0] for entry in learned if entry.endswith(".mean")})
-                raise InputError(f"no prior is shipped for {name!r} with {n_params} parameters; use {', '.join(names)}")
+                raise InputError(f"no {name!r} with {n_params} parameters is shipped; there are {_offer(learned)}")
             model = _bare(name, n_params, direction, learned)
             model.prior_ = Prior(learned[f"{key}.mean"], learned[f"{key}.covariance"])
     except InputError:  # also a ValueError
@@ -61,6 +61,16 @@ def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -
     except _DAMAGE as error:
         raise FormatError(f"{LEARNED} is damaged ({error}); install crfbench again to restore it") from None
     return model
+
+
+def _offer(learned: "np.lib.npyio.NpzFile") -> str:
+    """List the names and numbers of parameters that `load_model` takes."""
+    keys = [entry.removesuffix("-inverse.mean") for entry in learned if entry.endswith("-inverse.mean")]
+    keys += [f"SLR-{name.removesuffix('-inverse')}" for name in shipped_weights() if name.endswith("-inverse")]
+    counts: dict[str, list[str]] = {}
+    for name, k in sorted(key.rsplit("-", 1) for key in keys):
+        counts.setdefault(name, []).append(k)
+    return ", ".join(f"{name} ({', '.join(ks)})" for name, ks in counts.items())
 
 
 def _bare(name: str, n_params: int, direction: Direction, learned: "np.lib.npyio.NpzFile") -> ResponseModel:

@@ -50,7 +50,7 @@ def calibration_table(
     patches : {"3", "24", "random"}
         "3": patches 19, 21 and 24 of the grey row; "24": all; "random": ten random triples, the RMSE averaged.
     method : str
-        Of `crfbench.calibration.calibrate`; "lm" stands for "grid" where there is one parameter.
+        Of `crfbench.calibration.calibrate`, but for "grid": "lm" does the same where there is one parameter.
     channel : {"intensity", "r", "g", "b"}
         The mean of red, green and blue as in the paper, or one of them.
     rows : sequence of (model, constraint, number of parameters)
@@ -72,8 +72,9 @@ def calibration_table(
         "differs"; "not comparable" unless method and patches are the paper's. Rows named "floor" use the test data
         themselves: no calibration gets below them.
     """
-    if method not in METHODS:
-        raise InputError(f"method={method!r} is not known; use one of {', '.join(METHODS)}")
+    methods = [name for name in METHODS if name != "grid"]
+    if method not in methods:
+        raise InputError(f"method={method!r} is not for tables; use one of {', '.join(methods)}")
     if channel not in CHANNELS:
         raise InputError(f"channel={channel!r} is not known; use one of {', '.join(CHANNELS)}")
     chart = patch_arrays(load_patches() if frame is None else frame)
