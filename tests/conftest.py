@@ -1,12 +1,19 @@
 """Fixtures that several test files share: the real data where they are, and a user cache that is always empty."""
 
 import signal
+import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from crfbench.datasets import Responses, load_dorf, registry
+
+# colour-science walks through all loaded modules as it loads, which fails when another thread imports something just
+# then; so it is loaded here, before any test starts a thread.
+with warnings.catch_warnings(), suppress(ImportError):
+    import spectral_film_lut  # noqa: F401
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -89,7 +89,7 @@ def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
 def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
     with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller"):
         calibrate_chart(tmp_path)
-    with pytest.raises(InputError, match="there is no .*nowhere"):
+    with pytest.raises(InputError, match=r"there is no .*nowhere"):
         calibrate_chart(tmp_path / "nowhere")
     with pytest.raises(InputError, match="0 photographs of a series are left"):
         calibrate_exposures(tmp_path)
