@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crfbench.datasets import Responses, load_dorf, registry
 
 # colour-science walks through all loaded modules as it loads, which fails when another thread imports something just
-# then; so it is loaded here, before any test starts a thread.
-with warnings.catch_warnings(), suppress(ImportError):
+# then; so it is loaded here, before any test starts a thread. It also changes how NumPy prints, which is undone.
+with warnings.catch_warnings(), suppress(ImportError), np.printoptions():
     import spectral_film_lut  # noqa: F401
 
 
