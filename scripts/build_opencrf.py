@@ -178,10 +178,20 @@ def transfer_entry(name: str, registry_name: str, family: str, **options: float)
     return Entry(curve, name, name, family, "core", "colour-science")
 
 
+def use_double_precision() -> None:
+    """Set colour's number type, which the film package sets to float32 for the whole process, back to float64.
+
+    Its own function looks into every loaded module, and some load others when looked into, which ends it.
+    """
+    for name, module in list(sys.modules.items()):
+        if name.partition(".")[0] == "colour" and "DTYPE_FLOAT_DEFAULT" in vars(module):
+            vars(module)["DTYPE_FLOAT_DEFAULT"] = np.float64
+    importlib.import_module("colour.utilities").CACHE_REGISTRY.clear_all_caches()
+
+
 def transfer_entries() -> Iterator[Entry]:
     """Yield a curve for each published transfer function of a camera."""
-    # The film package sets colour's number type to float32 for the whole process.
-    importlib.import_module("colour.utilities").set_default_float_dtype(np.float64)
+    use_double_precision()
     for name in LOG_ENCODINGS:
         yield transfer_entry(name, name, "video-log")
     for index in LOGC3_EXPOSURE_INDICES:

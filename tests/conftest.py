@@ -11,8 +11,8 @@ import pytest
 
 from crfbench.datasets import Responses, load_dorf, registry
 
-# colour-science walks through all loaded modules as it loads, which fails when another thread imports something just
-# then; so it is loaded here, before any test starts a thread. It also changes how NumPy prints, which is undone.
+# spectral-film-lut has colour-science look into every loaded module as it loads, which fails where one of them loads
+# others when looked into; so it is loaded here, before the tests load more. It also changes how NumPy prints: undone.
 with warnings.catch_warnings(), suppress(ImportError), np.printoptions():
     import spectral_film_lut  # noqa: F401
 
