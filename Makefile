@@ -28,7 +28,6 @@ test-quick: $(READY)
 tables: $(READY)
 	$(BIN)/crfbench tables --out results
 	$(BIN)/crfbench table fitting
-	$(BIN)/crfbench table stability
 	$(BIN)/crfbench table calibration --patches 3
 	$(BIN)/crfbench table calibration --patches 24
 
