@@ -86,8 +86,8 @@ def calibrate_chart(
     labels : path, optional
         Corners marked by hand (`crfbench.charts.load_labels`); in other photographs the chart is sought.
     exposures : sequence of float, optional
-        Exposure times of the photographs, by name in alphabetical order, in any unit; default by EXIF. RAW files tell
-        the exposures better, and are used where every photograph has one.
+        Exposure times of the photographs, by name in alphabetical order, in any unit; default by EXIF. Refused where
+        every photograph has its RAW file, as those tell the exposures better.
     model : str, optional
         One of `CHOICES`; by default "slr".
     created : str
