@@ -4,13 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: lab test test-quick tables bench notebooks site lock clean
+.PHONY: lab test test-quick coverage tables bench notebooks site lock clean
 
 lab: $(READY)
 	$(BIN)/crfbench lab notebooks
 
 # One BLAS thread: the matrices are small, and threads that wait for a busy core cost more than they bring.
-test test-quick tables bench site: export OPENBLAS_NUM_THREADS = 1
+test test-quick coverage tables bench site: export OPENBLAS_NUM_THREADS = 1
 NBVAL := --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
 test: $(READY)
 	$(BIN)/ruff check .
@@ -24,6 +24,10 @@ test: $(READY)
 test-quick: $(READY)
 	$(BIN)/python -m pytest -n auto --dist loadfile --ignore tests/test_browser
 	$(BIN)/python -m pytest notebooks -n auto --dist loadfile $(NBVAL)
+
+# Statements and branches of the library that the tests reach, those of its subprocesses too.
+coverage: $(READY)
+	$(BIN)/python -m pytest -n auto --dist loadfile --cov --cov-report=term
 
 tables: $(READY)
 	$(BIN)/crfbench tables --out results

@@ -126,11 +126,16 @@ def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures
 
 
 @app.command()
-def report(out: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html")) -> None:
+def report(
+    out: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
+    figures: Annotated[Path | None, typer.Option(help="Also write its figures as PDF, into this folder.")] = None,
+) -> None:
     """Write the reproduction report: every claim of the paper beside ours, in one page that needs no network."""
-    from crfbench.report import write_report
+    from crfbench.report import write_figures, write_report
 
     typer.echo(write_report(out))
+    for path in write_figures(figures) if figures else ():
+        typer.echo(path)
 
 
 @app.command()

@@ -11,6 +11,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 import crfbench
 from crfbench import plots
@@ -67,6 +68,17 @@ def write_report(path: Path) -> Path:
     return path
 
 
+def write_figures(folder: Path) -> Iterator[Path]:
+    """Write the report's figures as PDF files to print, replacing older ones, and yield each path."""
+    mpl.use("agg")
+    for name, (draw, *_) in _figures(load_evidence()).items():
+        path, content = folder / f"{name}.pdf", io.BytesIO()
+        _drawn(draw).savefig(content, format="pdf", metadata={"CreationDate": None})
+        plt.close("all")
+        write_atomically(path, content.getvalue())
+        yield path
+
+
 def report_page() -> str:
     """Return the page; it asks the network for nothing, and its tables and sliders need no Python."""
     evidence = load_evidence()
@@ -77,7 +89,7 @@ def report_page() -> str:
             f"<main>\n<h2>Verdicts</h2>\n{_counts(claims)}\n{_rules()}",
             f"<h2>What does not follow, and why</h2>\n{_points(does_not_follow(evidence))}",
             f"<h2>What holds</h2>\n{_points(holds(evidence))}",
-            f"<h2>Figures</h2>\n{''.join(_figures(evidence))}",
+            f"<h2>Figures</h2>\n{''.join(_figure(*figure) for figure in _figures(evidence).values())}",
             "<h2>The latent slider</h2>\n<p>Drag the latent: the page decodes the response by itself.</p>",
             island(latent_slider(), name="latent"),
             f"<h2>Every model side by side</h2>\n{island(sortable_leaderboard(), name='leaderboard')}",
@@ -147,7 +159,8 @@ def _counts(claims: pd.DataFrame) -> str:
 
 def _rules() -> str:
     rules = "".join(f"<dt>{_mark(name)}</dt><dd>{html.escape(rule)}.</dd>" for name, rule in RULES.items())
-    return f"<details><summary>What the verdicts mean</summary><dl>{rules}</dl></details>"
+    repeated = "<p>What the paper says in several places is judged, and counted, once for each place.</p>"
+    return f"<details><summary>What the verdicts mean</summary><dl>{rules}</dl>{repeated}</details>"
 
 
 def _points(points: Iterable[Point]) -> str:
@@ -194,21 +207,31 @@ def _claim_row(row: dict[str, str]) -> str:
     return f'<tr role="row"><th scope="row" role="rowheader">{text["claim"]}{section}</th>{filled}</tr>'
 
 
-def _figures(evidence: Evidence) -> Iterator[str]:
-    fitting = (
-        "Table 1: mean RMSE on DoRF by number of parameters. Our best fits as lines, the paper's figures as crosses."
-    )
-    alt = "EMoR's crosses lie on its line; those of SLR, Gamma and most of Polynomial and GGCM lie off theirs."
-    yield _figure(lambda: plots.plot_fitting(evidence.fitting), fitting, alt)
-    stability = "Table 2: total variance with 3, 6, 12 and 24 patches, Canon PowerShot G9."
-    alt = "Total variance, logarithmic: our means with long bars over the seeds, the paper's crosses beside them."
-    yield _figure(lambda: stability_figure(evidence), stability, alt)
-    calibration = "Table 3: mean RMSE of calibration from three patches, by the paper's method."
-    alt = "Our bars overlap for most models; some of the paper's crosses lie in them, EMoR's lies far to the right."
-    yield _figure(lambda: calibration_figure(evidence), calibration, alt)
-    search = "The search: accuracy of 156 candidates against complexity, one seed."
-    alt = "The most accurate candidates have bars far longer than the differences between them."
-    yield _figure(lambda: plots.plot_search(evidence.search), search, alt)
+def _figures(evidence: Evidence) -> dict[str, tuple[Callable[[], Axes], str, str]]:
+    """Return what draws each figure, its caption, and what one sees in it, by the name of its file."""
+    return {
+        "report_fitting": (
+            lambda: plots.plot_fitting(evidence.fitting),
+            "Table 1: mean RMSE on DoRF by number of parameters. Our best fits as lines, the paper's figures as "
+            "crosses.",
+            "EMoR's crosses lie on its line; those of SLR, Gamma and most of Polynomial and GGCM lie off theirs.",
+        ),
+        "report_stability": (
+            lambda: stability_figure(evidence),
+            "Table 2: total variance with 3, 6, 12 and 24 patches, Canon PowerShot G9.",
+            "Total variance, logarithmic: our means with long bars over the seeds, the paper's crosses beside them.",
+        ),
+        "report_calibration": (
+            lambda: calibration_figure(evidence),
+            "Table 3: mean RMSE of calibration from three patches, by the paper's method.",
+            "Our bars overlap for most models; some of the paper's crosses lie in them, EMoR's lies far to the right.",
+        ),
+        "report_search": (
+            lambda: plots.plot_search(evidence.search),
+            "The search: accuracy of 156 candidates against complexity, one seed.",
+            "The most accurate candidates have bars far longer than the differences between them.",
+        ),
+    }
 
 
 def _figure(draw: Callable[[], Axes], caption: str, alt: str) -> str:
@@ -222,13 +245,18 @@ def _figure(draw: Callable[[], Axes], caption: str, alt: str) -> str:
     content = io.StringIO()
     with mpl.rc_context(style):
         mpl.use("agg")
-        figure = draw().get_figure(root=True)
-        assert figure is not None  # noqa: S101  an Axes just drawn always lies in a figure
+        figure = _drawn(draw)
         figure.savefig(content, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
         plt.close(figure)
     picture = _inline(content.getvalue(), re.sub(r"\W+", "-", caption.split(":", maxsplit=1)[0]).lower(), alt)
     region = f'<div class="scroll" role="region" tabindex="0" aria-label="{html.escape(caption)}">{picture}</div>'
     return f"<figure>{region}<figcaption>{html.escape(caption)}</figcaption></figure>"
+
+
+def _drawn(draw: Callable[[], Axes]) -> Figure:
+    figure = draw().get_figure(root=True)
+    assert figure is not None  # noqa: S101  an Axes just drawn always lies in a figure
+    return figure
 
 
 def _inline(svg: str, prefix: str, alt: str) -> str:

@@ -18,8 +18,10 @@ from crfbench.history import load_history
 from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
 from crfbench.tables.calibration import calibration_table, error_frame
 from crfbench.tables.chart_free import chart_free_table
+from crfbench.tables.claims import claims_table
 from crfbench.tables.fitting import fitting_tables
 from crfbench.tables.latents import latent_table
+from crfbench.tables.leaderboard import leaderboard
 from crfbench.tables.recorded import load_recorded, to_rows
 from crfbench.tables.stability import CAMERA, SIZES, stability_curves, stability_table
 from crfbench.tables.stability import ROWS as STABILITY_ROWS
@@ -43,6 +45,8 @@ def build_results(folder: Path) -> Iterator[Path]:
     for title, table in tables.items():
         yield from _write_table(folder / f"fitting_{title.split(',')[0]}", table)
     yield from _write_table(folder / "latents", latent_table())
+    yield from _write_table(folder / "claims", claims_table())
+    yield from _write_table(folder / "leaderboard", leaderboard())
     yield from _calibrations(folder)
     for name, ax in _figures(load_responses("auto"), tables):
         yield from _write_figure(folder / name, ax)

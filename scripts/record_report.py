@@ -1,10 +1,10 @@
-"""Record what the reproduction report shows and takes minutes: leaderboard, stability by seed, near-copies in DoRF.
+"""Record what the report shows and takes minutes: leaderboard, stability and trainings by seed, near-copies in DoRF.
 
 Run: python scripts/record_report.py (DoRF must be present), after record_tables.py.
 """
 
 import crfbench
-from crfbench.tables.evidence import near_copy_counts, stability_by_seed
+from crfbench.tables.evidence import near_copy_counts, stability_by_seed, trainings_by_seed
 from crfbench.tables.leaderboard import measured_leaderboard
 from crfbench.tables.recorded import record
 
@@ -13,6 +13,7 @@ def main() -> None:
     provenance = {"crfbench": crfbench.__version__, "command": "python scripts/record_report.py"}
     print(record(near_copy_counts(), "dorf_copies", provenance).name)
     print(record(stability_by_seed(), "stability_paper", provenance).name)
+    print(record(trainings_by_seed(), "slr_trainings_dorf", provenance).name)
     print(record(measured_leaderboard(), "leaderboard", provenance).name)
 
 

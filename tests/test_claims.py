@@ -7,10 +7,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from crfbench.history import History
 from crfbench.paper import CALIBRATION, FITTING, SIGNIFICANT_RMSE, STABILITY, STATEMENTS, scientific
 from crfbench.tables import claims as module
 from crfbench.tables.claims import RULES, claims_table, verdict_counts
-from crfbench.tables.evidence import Evidence, latent_epochs, load_evidence, near_copy_counts, stability_by_seed
+from crfbench.tables.evidence import (
+    Evidence,
+    latent_course,
+    load_evidence,
+    near_copy_counts,
+    stability_by_seed,
+    trainings_by_seed,
+)
 from crfbench.tables.findings import does_not_follow, holds
 from crfbench.tables.recorded import load_recorded
 from crfbench.tables.statements import CHECKS
@@ -120,10 +128,17 @@ def test_other_statements_turn_with_the_evidence(evidence):
         total_variance=np.where(evidence.stability["model"] == "SLR", 0.0, evidence.stability["total_variance"])
     )
     assert CHECKS["most_stable"](replace(evidence, stability=stability)).verdict == "holds"
-    latents = evidence.latents.copy()
-    latents.loc["ldl", ["kl", "ks"]] = 1.0, 0.0
-    assert CHECKS["ldl_accurate"](replace(evidence, latents=latents)).verdict == "does not hold"
-    assert CHECKS["ldl_best"](replace(evidence, latents=latents)).verdict == "holds"
+    trainings = evidence.trainings.copy()
+    trainings.loc[trainings["constraint"] == "ldl", ["kl", "ks", "settled"]] = 1.0, 0.0, np.nan
+    trainings.loc[trainings["constraint"] == "aae", "swing"] = 2.0
+    other = replace(evidence, trainings=trainings)
+    for key, before, after in (
+        ("ldl_accurate", "holds", "does not hold"),
+        ("ldl_best", "does not hold", "holds"),
+        ("ldl_rapid", "holds", "does not hold"),
+        ("aae_unstable", "does not hold", "holds"),
+    ):
+        assert (CHECKS[key](evidence).verdict, CHECKS[key](other).verdict) == (before, after)
     assert CHECKS["camera_count"](replace(evidence, patches=evidence.patches.iloc[:10])).verdict == "differs"
     search = evidence.search.assign(seconds=61.0)
     assert CHECKS["candidate_time"](replace(evidence, search=search)).verdict == "does not hold"
@@ -193,12 +208,25 @@ def test_recorded_stability_is_what_the_function_gives(evidence):
     np.testing.assert_allclose(ours["mean_rmse"], recorded["mean_rmse"], rtol=0.05)
 
 
-def test_epochs_tell_when_latents_settle():
-    epochs = latent_epochs()
-    assert epochs["settled"].isna().to_dict() == {
-        "ldl": False, "auc": False, "aae": False, "vae": False, "baseline": True,
-    }  # fmt: skip
-    assert (epochs["swing"] > 0).all()
+@pytest.mark.dorf
+def test_recorded_trainings_are_what_the_function_gives(dorf_curves, evidence):
+    ours = trainings_by_seed(["ldl"], [2]).iloc[0]
+    recorded = evidence.trainings.query("constraint == 'ldl' and seed == 2").iloc[0]
+    for column in ("mean", "sd", "ks"):
+        assert ours[column] == pytest.approx(recorded[column], abs=0.02)
+    assert ours["kl"] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("spreads", "settled", "swing"),
+    [([1.0] * 9, 0, 0.0), ([3.0] * 4 + [1.0] * 5, 4, 2.0), ([3.0] * 9, np.nan, 0.0), ([1.0] * 6 + [1.1] * 3, 0, 0.1)],
+)
+def test_when_latents_settle_and_how_they_swing(spreads, settled, swing):
+    latents = np.multiply.outer(np.array(spreads), [-1.0, 1.0])[..., None]
+    history = History("ldl", np.arange(9), {}, latents, np.zeros((9, 9, 65)))
+    found = latent_course(history)
+    np.testing.assert_equal(found["settled"], settled)
+    assert found["swing"] == pytest.approx(swing)
 
 
 def test_findings_are_whole_sentences_with_figures(evidence):

@@ -110,6 +110,7 @@ def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     written = {path.name for path in (tmp_path / "new folder").iterdir()}
     assert {path.rsplit("/", 1)[-1] for path in result.output.split("\n") if path} == written
     assert {"latents.csv", "latents.json", "latent_epochs.pdf", "search.pdf"} <= written
+    assert {"claims.csv", "leaderboard.json"} <= written
     for stem in ("curves_opencrf", "patches", "comparison", "fitting_opencrf", "fitting_dorf", "validity_dorf"):
         assert {f"{stem}.png", f"{stem}.pdf"} <= written
     assert {"fitting_dorf.json", "fitting_opencrf.csv", "stability.csv", "chart_free.json"} <= written

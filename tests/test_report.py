@@ -116,3 +116,13 @@ def test_figures_show_the_figures_of_the_tables():
     np.testing.assert_allclose(bars, [[0.5, 2.0], [1.0, 2.5]])
     assert [text.get_text() for text in ax.get_yticklabels()] == ["a", "b"]
     plt.close("all")
+
+
+def test_figures_are_written_as_pdf_too(tmp_path, outline):
+    paths = list(report.write_figures(tmp_path / "figures"))
+    assert len(paths) == len(outline.all("figure"))
+    for path in paths:
+        content = path.read_bytes()
+        assert content.startswith(b"%PDF")
+        assert b"/Subtype /Image" not in content  # lines and letters, not pixels
+    assert [path.read_bytes() for path in report.write_figures(tmp_path / "again")] == [p.read_bytes() for p in paths]

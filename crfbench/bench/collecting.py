@@ -25,7 +25,7 @@ SUBJECTS = (
     "slider",
     "calibration_widget",
 )
-GROWING = ("fitting", "calibration")
+GROWING = ("fitting", "search", "calibration")
 
 
 def collect(only: str | None = None) -> Iterator[Row]:
@@ -54,7 +54,7 @@ def to_text(row: Row) -> str:
 
 
 def draw_growth(folder: Path, only: str | None = None) -> Iterator[Path]:
-    """Measure how the time of fits and calibrations grows over two decades of work; yield each figure written."""
+    """Measure how the time of fits, searches and calibrations grows over two decades of work; yield each figure."""
     for subject in GROWING if only is None else {only}.intersection(GROWING):
         target = folder / f"time-{subject}.svg"
         _apart("plot", subject, str(target.resolve()))

@@ -17,6 +17,7 @@ from scipy.stats import spearmanr
 from tqdm import tqdm
 
 from crfbench import load_responses
+from crfbench.bench.growth import Growth, print_growth
 from crfbench.bench.timing import Row, row
 from crfbench.curves import Array
 from crfbench.datasets import Responses
@@ -26,6 +27,8 @@ from crfbench.search.result import architecture
 from crfbench.search.run import EPOCHS, N_FOLDS, deal_folds, search_recipe
 from crfbench.search.space import Hidden
 from crfbench.search.stacked import initial_trainer
+
+SIZES = (1, 3, 10, 30, 100)
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,21 @@ def rows(sample: int = 6, epochs: int = 50) -> list[Row]:
     return [row(name, compared.seconds, "plain loop over trainings", compared.extrapolated(), note)]
 
 
+def growths() -> list[Growth]:
+    """Time searches of more and more candidates with a fiftieth of the epochs, and the plain loop over as many."""
+    torch.set_num_threads(1)
+    responses, epochs = load_responses("auto"), EPOCHS // 50
+    curves, folds = responses.in_direction("inverse"), deal_folds(responses, "random", 0)
+    seconds = []
+    for n in SIZES:
+        start = time.perf_counter()
+        naive_search(responses, m=1, strategy=Random(n), epochs=epochs)
+        ours = time.perf_counter() - start
+        trials = Random(n).propose(SearchSpace(), epochs, {})
+        seconds.append([ours, sum(plain_loop(curves, folds, trial.hidden, epochs).seconds for trial in trials)])
+    return [Growth("candidates", ("crfbench, all processes", "plain loop, one process"), SIZES, np.array(seconds))]
+
+
 def main() -> None:
     """Print the times, the ratio, and how well the ranks agree."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -103,6 +121,8 @@ def main() -> None:
     report(compare(responses, options.sample))
     start = time.perf_counter()
     halved = naive_search(responses, strategy=Halving())
+    for growth in growths():
+        print_growth(growth)
     print(f"successive halving: {(time.perf_counter() - start) / 60:.1f} min, chooses {halved.chosen}")
 
 

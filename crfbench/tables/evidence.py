@@ -1,7 +1,7 @@
 """What the claims of the paper are held against: our tables, computed or recorded, gathered once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -9,11 +9,11 @@ import pandas as pd
 from crfbench.datasets import load_dorf, load_patches
 from crfbench.datasets.folds import near_copies
 from crfbench.datasets.middlebury import patch_intensity
-from crfbench.history import load_history
+from crfbench.history import History
 from crfbench.metrics import total_variance
 from crfbench.paper import STABILITY
 from crfbench.tables.calibration import held_out_rmse
-from crfbench.tables.latents import latent_table
+from crfbench.tables.latents import latent_figures
 from crfbench.tables.recorded import load_recorded
 from crfbench.tables.stability import CAMERA, ROWS, stability_curves
 
@@ -40,10 +40,8 @@ class Evidence:
         The architecture search with one seed, and ranks and choices with several; recorded.
     patches : DataFrame
         The shipped patch table.
-    latents : DataFrame
-        From `crfbench.tables.latents.latent_table`, the one-latent inverse models, by constraint.
-    epochs : DataFrame
-        From `latent_epochs`.
+    trainings : DataFrame
+        One-latent inverse models by constraint and seed, recorded, from `trainings_by_seed`.
     """
 
     fitting: pd.DataFrame
@@ -54,13 +52,11 @@ class Evidence:
     search: pd.DataFrame
     search_seeds: pd.DataFrame
     patches: pd.DataFrame
-    latents: pd.DataFrame
-    epochs: pd.DataFrame
+    trainings: pd.DataFrame
 
 
 def load_evidence() -> Evidence:
     """Gather the tables; nothing is fetched, trained or calibrated."""
-    latents = latent_table().query("n_latent == 1 and direction == 'inverse'").drop_duplicates("constraint")
     calibration = load_recorded("calibration_paper")[0].fillna({"constraint": ""})
     return Evidence(
         fitting=load_recorded("fitting_dorf")[0],
@@ -71,8 +67,7 @@ def load_evidence() -> Evidence:
         search=load_recorded("search_dorf")[0],
         search_seeds=load_recorded("search_seeds_dorf")[0],
         patches=load_patches(),
-        latents=latents.set_index("constraint"),
-        epochs=latent_epochs(),
+        trainings=load_recorded("slr_trainings_dorf")[0],
     )
 
 
@@ -111,22 +106,38 @@ def near_copy_counts(tolerance: float = 0.01) -> pd.DataFrame:
     return pd.DataFrame([counts])
 
 
-def latent_epochs() -> pd.DataFrame:
-    """Describe how the latents of the recorded trainings settle, by constraint.
+def trainings_by_seed(constraints: Sequence[str] = CONSTRAINTS, seeds: Sequence[int] = range(5)) -> pd.DataFrame:
+    """Train one-latent models of the inverse responses of DoRF (which must be present) with each constraint and seed.
 
     Returns
     -------
     DataFrame
-        ``settled``: the epoch from which the KL divergence of N(mean, sd) of the latents to N(0, 1) stays below 0.05,
-        missing where it never does; ``swing``: the range that their sd moves in after the first third of the epochs.
+        One row a training: constraint, seed; ``mean``, ``sd``, ``kl`` and ``ks`` of its latents as in
+        `crfbench.tables.latents.latent_table`; ``settled`` and ``swing`` as in `latent_course`.
     """
-    rows = {}
-    for constraint in CONSTRAINTS:
-        history = load_history(constraint)
-        mean, sd = history.latents[:, :, 0].mean(axis=1), history.latents[:, :, 0].std(axis=1)
-        far = np.flatnonzero(0.5 * (mean**2 + sd**2 - 2 * np.log(sd) - 1) >= 0.05)
-        first = far[-1] + 1 if len(far) else 0
-        late = sd[history.epochs > history.epochs[-1] / 3]
-        settled = history.epochs[first] if first < len(history) else np.nan
-        rows[constraint] = {"settled": settled, "swing": float(np.ptp(late))}
-    return pd.DataFrame(rows).T
+    from crfbench.training import RECIPES, train
+
+    curves, rows = load_dorf().in_direction("inverse"), []
+    for constraint in constraints:
+        for seed in seeds:
+            model, history = train(curves, "inverse", replace(RECIPES[f"{constraint}-1"], seed=seed))
+            figures = latent_figures(model.weights_["latents"].astype(float))
+            rows.append({"constraint": constraint, "seed": seed, **figures, **latent_course(history)})
+    return pd.DataFrame(rows)
+
+
+def latent_course(history: History) -> dict[str, float]:
+    """Describe how the latents of a training settle.
+
+    Returns
+    -------
+    dict
+        ``settled``: the epoch from which the KL divergence of N(mean, sd) of the latents to N(0, 1) stays below 0.05,
+        NaN where it never does; ``swing``: the range that their sd moves in after the first third of the epochs.
+    """
+    mean, sd = history.latents[:, :, 0].mean(axis=1), history.latents[:, :, 0].std(axis=1)
+    far = np.flatnonzero(0.5 * (mean**2 + sd**2 - 2 * np.log(sd) - 1) >= 0.05)
+    first = far[-1] + 1 if len(far) else 0
+    late = sd[history.epochs > history.epochs[-1] / 3]
+    settled = history.epochs[first] if first < len(history) else np.nan
+    return {"settled": float(settled), "swing": float(np.ptp(late))}

@@ -51,7 +51,8 @@ def _representation(evidence: Evidence) -> Iterator[Point]:
 
 
 def _latent(evidence: Evidence) -> Iterator[Point]:
-    settled, kl = evidence.epochs["settled"], evidence.latents["kl"]
+    seeds = evidence.trainings.groupby("constraint")
+    settled, kl = seeds["settled"].median(), seeds["kl"].mean()
     near = evidence.calibration.query("verdict == 'reproduced'")
     board = leaderboard().set_index(["model", "n_params"]).loc["SLR ldl", 1]
     slr = evidence.calibration.set_index(["model", "constraint", "n_params"]).loc["SLR", "ldl", 1]
