@@ -65,11 +65,10 @@ def fitting(
 ) -> None:
     """Table 1: how well each model fits response curves, in sample and held out."""
     from crfbench.curves import check_direction
-    from crfbench.tables.fitting import fitting_tables
+    from crfbench.tables.fitting import DIRECTIONS, fitting_tables
 
-    wanted = ["forward", "inverse"] if direction == "both" else [check_direction(direction)]
-    tables = {title: t[t["direction"].isin(wanted)] for title, t in fitting_tables(data).items()}
-    _print_tables(tables, as_json)
+    wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
+    _print_tables(fitting_tables(data, wanted), as_json)
 
 
 @table_app.command()

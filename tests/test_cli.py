@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import crfbench
 from crfbench import cli, lab, results
+from crfbench.tables import stability
 from crfbench.tables.fitting import COLUMNS
 
 
@@ -104,6 +105,7 @@ def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     # Fewer of the same rows: each of them has a test of its own.
     few = (("SLR", "ldl", 1), ("EMoR", "", 3))
     monkeypatch.setattr(results, "calibration_table", partial(results.calibration_table, rows=few))
+    monkeypatch.setattr(stability, "ROWS", stability.ROWS[:1])
     monkeypatch.setattr(results, "stability_table", partial(results.stability_table, random_subsets=1))
     result = CliRunner().invoke(cli.app, ["tables", "--out", str(tmp_path / "new folder")])
     assert result.exit_code == 0, result.output

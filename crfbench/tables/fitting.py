@@ -49,8 +49,14 @@ def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECT
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"paper": float})
 
 
-def fitting_tables(which: str = "auto") -> dict[str, pd.DataFrame]:
+def fitting_tables(which: str = "auto", directions: Sequence[Direction] = DIRECTIONS) -> dict[str, pd.DataFrame]:
     """Return the fitting table of the data asked for; with "auto" and no DoRF, the recorded DoRF table beside it.
+
+    Parameters
+    ----------
+    which : str
+        Of `crfbench.datasets.load_responses`.
+    directions : sequence of {"forward", "inverse"}
 
     Returns
     -------
@@ -58,10 +64,11 @@ def fitting_tables(which: str = "auto") -> dict[str, pd.DataFrame]:
         From a title, which says where the figures come from, to the table.
     """
     responses = load_responses(which)
-    tables = {f"{responses.dataset}, computed now": fitting_table(responses)}
+    tables = {f"{responses.dataset}, computed now": fitting_table(responses, directions)}
     if which == "auto" and responses.dataset != "dorf":
         table, provenance = load_recorded("fitting_dorf")
-        tables[f"dorf, recorded with crfbench {provenance['crfbench']} (the curves are not on this machine)"] = table
+        title = f"dorf, recorded with crfbench {provenance['crfbench']} (the curves are not on this machine)"
+        tables[title] = table[table["direction"].isin(directions)]
     return tables
 
 
