@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from crfbench.charts.geometry import chart_boxes
 from crfbench.curves import GRID, Direction, axis_labels
+from crfbench.errors import InputError
 from crfbench.history import History
 from crfbench.search.result import architecture, mark_choice, pareto_front
 
@@ -180,7 +181,14 @@ def plot_calibration(
     ax : Axes, optional
     beside : mapping of str to array_like, shape (1024,), optional
         Other inverse responses to compare with, such as the known truth.
+
+    Raises
+    ------
+    InputError
+        For an index that the result does not have.
     """
+    if not -len(result) <= index < len(result):
+        raise InputError(f"index={index} does not fit; there are {len(result)} calibrations")
     ax = _axes(ax)
     for level, shade in zip(sorted(result.bands, reverse=True), (0.15, 0.3), strict=False):
         low, high = result.bands[level]

@@ -159,7 +159,7 @@ def _figure_text(source: str, heading: str) -> str:
     called = [node.func for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
     names = [node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "") for node in called]
     for name in names:
-        for home in (plots, report, results, crfbench.Calibration):
+        for home in (plots, report, results):
             function = getattr(home, name, None)
             if "Axes" in str(getattr(function, "__annotations__", {}).get("return")):
                 return f"{heading} – {inspect.getdoc(function)}".split("\n", maxsplit=1)[0]

@@ -26,7 +26,7 @@ from crfbench.datasets import load_opencrf
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
-from crfbench.passport import Passport, read_response
+from crfbench.passport import read_response
 from crfbench.synthetic import render_chart, render_series, write_pair
 
 EXPOSURES = (0.15, 0.4, 1.1)
@@ -126,7 +126,7 @@ def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth
     paths = list(write_outputs(result, tmp_path))
     names = {path.name for path in paths}
     assert {"passport.json", "response.csv", "response.cube", "pcalib.txt", "report.html"} <= names
-    assert Passport.load(tmp_path / "passport.json").data_sha256 == digest(
+    assert read_response(tmp_path / "passport.json").data_sha256 == digest(
         [*result.photographs.values(), *(path.with_suffix(".dng") for path in result.photographs.values())]
     )
     for name in ("response.csv", "response.npy", "response.cube"):
@@ -201,7 +201,7 @@ def test_exposures_alone_and_their_use(tmp_path, truth):
     times = ",".join(str(2.0**stop) for stop in series.stops)
     done = run("calibrate", folder, "--chart", "none", "--exposures", times, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    curve = Passport.load(tmp_path / "out" / "passport.json").curves[0]
+    curve = read_response(tmp_path / "out" / "passport.json").curves[0]
     inverse = invert(truth)
     scale = (curve @ inverse) / (curve @ curve)
     assert rmse(scale * curve, inverse) < 0.02

@@ -82,18 +82,18 @@ def test_json_round_trip_is_exact(passport):
     assert same(decode("passport", FORMATS["passport"].write(passport)), passport)
 
 
-def test_save_and_load(tmp_path):
+def test_write_and_read(tmp_path):
     path = tmp_path / "camera.json"
     passport = Passport("forward", invert(RGB), params=[[1, 2], [3, 4], [5, 6]], iso=np.int64(200))
-    passport.save(path)
-    loaded = Passport.load(path)
+    write_response(passport, path)
+    loaded = read_response(path)
     assert same(loaded, passport)
     assert (loaded.iso, loaded.params.tolist()) == (200, [[1, 2], [3, 4], [5, 6]])
     with pytest.raises(InputError, match=r"camera\.json exists already.*--force"):
-        THREE.save(path)
-    assert same(Passport.load(path), passport)
-    THREE.save(path, overwrite=True)
-    assert same(Passport.load(path), THREE)
+        write_response(THREE, path)
+    assert same(read_response(path), passport)
+    write_response(THREE, path, overwrite=True)
+    assert same(read_response(path), THREE)
 
 
 def test_a_passport_keeps_its_own_curves():
@@ -171,7 +171,7 @@ def test_what_is_no_passport_file(data, message, tmp_path):
     path = tmp_path / "a.json"
     path.write_bytes(data)
     with pytest.raises(FormatError, match=rf"a\.json: this is no response in the format 'passport': .*{message}"):
-        Passport.load(path)
+        read_response(path)
 
 
 # --- every format

@@ -25,6 +25,7 @@ import matplotlib.pyplot as plt
 from ipywidgets import interact
 from crfbench.calibration import calibrate, decode_table
 from crfbench.models.ready import load_model
+from crfbench.plots import plot_calibration
 from crfbench.widgets import CalibrationExplorer
 model = load_model("SLR-ldl", 1)
 table = decode_table(model)
@@ -33,7 +34,7 @@ explorer.patches = (19, 21, 22, 24)
 seen = explorer.result.observations
 @interact(patch_22=False)
 def show(patch_22):
-    calibrate(model, seen.take([0, 1, 2, 3] if patch_22 else [0, 1, 3]), "posterior", table=table).plot()
+    plot_calibration(calibrate(model, seen.take([0, 1, 2, 3] if patch_22 else [0, 1, 3]), "posterior", table=table))
     plt.show()"""
 
 VARIANTS = (

@@ -10,11 +10,9 @@ from crfbench.calibration.bands import Belief
 from crfbench.calibration.likelihood import Likelihood, Noise
 from crfbench.calibration.observations import Observations
 from crfbench.curves import GRID, Array, evaluate, invert, repair
-from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
 
 LEVELS = (0.5, 0.9)
@@ -101,14 +99,6 @@ class Calibration:
         if self.belief is not None:
             frame["log_evidence"] = self.belief.log_evidence
         return frame.assign(warnings=["; ".join(each) for each in self.warnings])
-
-    def plot(self, index: int = 0, ax: "Axes | None" = None) -> "Axes":
-        """Draw one curve, its bands, and the observations where the reference and their own scale put them."""
-        from crfbench.plots import plot_calibration
-
-        if not -len(self) <= index < len(self):
-            raise InputError(f"index={index} does not fit; there are {len(self)} calibrations")
-        return plot_calibration(self, index, ax)
 
     def dots(self, index: int = 0) -> tuple[Array, Array]:
         """Return brightness and aligned irradiance of the measured patches of one set, each of shape (m,)."""

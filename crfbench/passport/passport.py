@@ -1,12 +1,10 @@
 """The response passport: the curves of one camera, how sure they are, and what they were calibrated from."""
 
 import re
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from datetime import date
 from importlib.metadata import version
 from numbers import Integral
-from pathlib import Path
-from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -116,34 +114,6 @@ class Passport:
         row = self.channels.index(name)
         low, high, params = (None if part is None else part[[row]] for part in (self.low, self.high, self.params))
         return replace(self, curves=self.curves[[row]], low=low, high=high, params=params)
-
-    def save(self, path: str | Path, overwrite: bool = False) -> None:
-        """Write the passport as JSON, complete or not at all; `load` gives every value back exactly.
-
-        Raises
-        ------
-        InputError
-            Where there is a file already and `overwrite` is false.
-        """
-        from crfbench.passport.exchange import write_response
-
-        write_response(self, path, "passport", overwrite)
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        MissingDataError
-            For a path that leads nowhere.
-        FormatError
-            For a file that is no passport, or has anything missing, unknown or out of range.
-        """
-        from crfbench.passport.exchange import read_response
-
-        passport = read_response(path, "passport")
-        return cls(**{entry.name: getattr(passport, entry.name) for entry in fields(passport)})
 
     def _set(self, name: str, value: object) -> None:
         if isinstance(value, np.ndarray):

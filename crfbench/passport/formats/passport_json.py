@@ -26,7 +26,7 @@ def read(data: bytes) -> Passport:
     """Read a passport; nothing may be missing, unknown or twice."""
     content = _parse(data)
     if not isinstance(content, dict) or content.get("format") != _KIND:
-        raise FormatError(f"it does not say that its format is {_KIND!r}; use a file that Passport.save wrote")
+        raise FormatError(f"it does not say that its format is {_KIND!r}; use a passport that crfbench wrote")
     if content.get("schema") != _VERSION:
         raise FormatError(f"its schema is {str(content.get('schema'))[:20]!r}; this crfbench reads {_VERSION}")
     values = {name: value for name, value in content.items() if name not in ("format", "schema")}
