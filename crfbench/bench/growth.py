@@ -32,12 +32,14 @@ def plot(growths: list[Growth], target: Path) -> None:
 
     import matplotlib.pyplot as plt
 
+    from crfbench.plots import PALETTE
+
     figure, axes = plt.subplots(
         1, len(growths), figsize=(4.5 * len(growths), 3.6), sharey=True, squeeze=False, layout="constrained"
     )
     for ax, (over, methods, sizes, seconds) in zip(axes[0], growths, strict=True):
-        for method, each in zip(methods, seconds.T, strict=True):
-            ax.loglog(sizes, each, "o-", label=method)
+        for method, each, colour, marker in zip(methods, seconds.T, PALETTE, "osD^v", strict=False):
+            ax.loglog(sizes, each, marker=marker, color=colour, label=method)
         guide = np.array(sizes) * seconds[-1, 0] / sizes[-1]
         ax.loglog(sizes, guide, ":", color="grey", label="proportional")
         ax.set(xlabel=f"number of {over}")
