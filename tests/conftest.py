@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -15,6 +16,11 @@ from crfbench.datasets import Responses, load_dorf, registry
 # others when looked into; so it is loaded here, before the tests load more. It also changes how NumPy prints: undone.
 with warnings.catch_warnings(), suppress(ImportError), np.printoptions():
     import spectral_film_lut  # noqa: F401
+
+
+# How long an example takes depends on what else the machine does, and says nothing of the code.
+hypothesis.settings.register_profile("crfbench", deadline=None)
+hypothesis.settings.load_profile("crfbench")
 
 
 @pytest.fixture(scope="session", autouse=True)
