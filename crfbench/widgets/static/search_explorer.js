@@ -161,10 +161,14 @@ class SearchPlot extends CurvePlot {
     this.disc(context, x, y, 9);
     context.stroke();
     const name = architectureName(candidates[row]);
-    const right = x + 14 + context.measureText(name).width > this.right;
+    const length = context.measureText(name).width;
+    const left = x + 14 + length > this.right ? x - 14 - length : x + 14;
+    const middle = y - 18 < this.top + 8 ? y + 18 : y - 18;
+    context.fillStyle = this.dark ? "#111" : "#fff"; // hides the dots behind the name
+    context.fillRect(left - 4, middle - 8, length + 8, 16);
     context.fillStyle = this.ink;
-    context.textAlign = right ? "right" : "left";
-    context.fillText(name, x + (right ? -14 : 14), y - 12 < this.top + 6 ? y + 14 : y - 12);
+    context.textAlign = "left";
+    context.fillText(name, left, middle);
   }
 
   paintKey(context) {
