@@ -471,7 +471,7 @@ def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = Non
     ax.scatter(table["complexity"], table["mse"], s=12, color="0.6", label=f"{len(table)} candidates")
     ax.step(front["complexity"], front["mse"], where="post", color=PALETTE[2], ls="--", label="Pareto front")
     x, y = table["complexity"][best], table["mse"][best]
-    ax.errorbar(x, y, yerr=bars[best], fmt="o", ms=5, lw=1, color=PALETTE[0], label=f"the {m} most accurate")
+    ax.errorbar(x, y, yerr=bars[best], fmt="D", ms=5, lw=1, color=PALETTE[0], label=f"the {m} most accurate")
     label = f"choice: {architecture(choice)}"
     ax.scatter(choice["complexity"], choice["mse"], s=90, marker="s", color=PALETTE[1], zorder=3, label=label)
     ax.set(xlabel="complexity (weights and biases of the encoder)", ylabel="held-out MSE", xscale="log", yscale="log")

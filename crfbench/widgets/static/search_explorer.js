@@ -129,7 +129,7 @@ class SearchPlot extends CurvePlot {
     if (best) this.paintBar(context, i, this.colour("blue"));
     context.globalAlpha = best ? 1 : 0.45;
     context.fillStyle = best ? this.colour("blue") : this.ink;
-    this.disc(context, ...this.at(i), best ? 4 : 3);
+    this[best ? "diamond" : "disc"](context, ...this.at(i), best ? 5 : 3);
     context.fill();
     context.globalAlpha = 1;
   }
@@ -186,7 +186,7 @@ class SearchPlot extends CurvePlot {
         context.setLineDash([]);
       } else if (curve.colour === "vermilion") context.fillRect(start + LEGEND_LINE / 2 - 5, y - 5, 10, 10);
       else {
-        this.disc(context, start + LEGEND_LINE / 2, y, 4);
+        this[curve.colour ? "diamond" : "disc"](context, start + LEGEND_LINE / 2, y, curve.colour ? 5 : 4);
         context.fill();
       }
       context.globalAlpha = 1;
@@ -199,6 +199,12 @@ class SearchPlot extends CurvePlot {
   disc(context, x, y, radius) {
     context.beginPath();
     context.arc(x, y, radius, 0, 2 * Math.PI);
+  }
+
+  diamond(context, x, y, reach) {
+    context.beginPath();
+    for (const [right, down] of [[reach, 0], [0, reach], [-reach, 0], [0, -reach]]) context.lineTo(x + right, y + down);
+    context.closePath();
   }
 
   // The candidate nearest to a place on the canvas, if any is near.
