@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
 from crfbench.charts.geometry import chart_boxes
@@ -24,7 +25,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _BESIDE = (PALETTE[6], PALETTE[2], PALETTE[3])  # far from the blue of the calibration and the red of its dots
 _MOST_DOTS = 300  # that are told apart at full size: smaller ones leave the curve to be seen
 _PICTURE_WIDTH = 900  # pixels; more make a figure heavy and show no more
-_STYLES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
+_STYLES = ("-", "--", "-.", ":", (0, (10, 2)), (0, (4, 1, 1, 1, 1, 1)), (0, (1, 3)))
 
 
 def _axes(ax: Axes | None, width: float = 6.0, height: float = 4.5) -> Axes:
@@ -40,23 +41,27 @@ def _unit_square(ax: Axes, direction: Direction) -> None:
 def plot_curves(
     curves: ArrayLike, kinds: Sequence[str] | None = None, direction: Direction = "forward", ax: Axes | None = None
 ) -> Axes:
-    """Draw many curves thinly, coloured by kind: the paper's figure of its data set.
+    """Draw many curves thinly, coloured by kind, and the median of each kind: the paper's figure of its data set.
 
     Parameters
     ----------
     curves : array_like, shape (n, 1024)
     kinds : sequence of str, length n, optional
-        Family of each curve; the legend counts them.
+        Family of each curve; the legend counts them. Where there are several, each has its median, a dash pattern.
     """
     ax, batch = _axes(ax), np.atleast_2d(curves)
     labels = np.asarray(kinds if kinds is not None else [""] * len(batch))
     names, counts = np.unique(labels, return_counts=True)
     for i, (name, count) in enumerate(zip(names, counts, strict=True)):
-        lines = ax.plot(GRID, batch[labels == name].T, color=PALETTE[i % len(PALETTE)], lw=0.6, alpha=0.55)
-        lines[0].set_label(f"{name} ({count})")
+        colour, family = PALETTE[i % len(PALETTE)], batch[labels == name]
+        ax.plot(GRID, family.T, color=colour, lw=0.6, alpha=0.55 if len(names) == 1 else 0.3)
+        median = np.median(family, axis=0) if len(names) > 1 else []
+        ax.plot(
+            GRID[: len(median)], median, color=colour, lw=2, ls=_STYLES[i % len(_STYLES)], label=f"{name} ({count})"
+        )
     if kinds is not None:
-        for handle in ax.legend(loc="lower right", fontsize="small").get_lines():
-            handle.set(linewidth=2.0, alpha=1.0)
+        title = "bold: the median" if len(names) > 1 else None
+        ax.legend(loc="lower right", fontsize="small", title=title, title_fontsize="small", handlelength=3)
     _unit_square(ax, direction)
     return ax
 
@@ -119,8 +124,9 @@ def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) ->
     picture, boxes = np.asarray(pixels), chart_boxes(np.asarray(corners))
     ax = _axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
     _show_picture(ax, picture)
-    for box in boxes:
-        ax.plot(*box[[0, 1, 2, 3, 0]].T, color=PALETTE[1], lw=1)
+    for box in boxes:  # white within black, to be seen on a patch of any colour
+        edge = [withStroke(linewidth=3, foreground="black")]
+        ax.plot(*box[[0, 1, 2, 3, 0]].T, color="white", lw=1.2, path_effects=edge)
     for patch in (1, 6, 19, 24):
         label = {"facecolor": "black", "pad": 1.5, "lw": 0}
         x, y = boxes[patch - 1].mean(axis=0)
@@ -164,7 +170,8 @@ def plot_residuals(result: "Calibration", index: int = 0, ax: Axes | None = None
     ax = _axes(ax, 6.0, 3.0)
     counts = result.observations.counts[index]
     ax.axhline(0.0, color="0.6", lw=0.8)
-    ax.plot(result.observations.brightness[index][counts], 100 * result.residuals[index][counts], "o", ms=3)
+    brightness, residuals = result.observations.brightness[index][counts], result.residuals[index][counts]
+    ax.plot(brightness, 100 * residuals, "o", ms=3, color=PALETTE[0])
     ax.set(xlabel="brightness (relative, 0 to 1)", ylabel="residual (% of irradiance)", xlim=(0, 1))
     return ax
 
@@ -298,6 +305,8 @@ def plot_against_paper(
 
 #: The models that `plot_fitting` draws; EMoR stands for itself, learned here or published, as the two coincide.
 _FITTING_MODELS = ("Gamma", "Polynomial", "GGCM", "EMoR-PCA", "PPISP", "SLR-ldl", "SLR-monotone")
+_OFF = 0.05  # in the logarithm: a cross that lies so far from its line needs a name
+_APART = 0.3  # in the logarithm: names of crosses so far apart do not touch
 
 
 def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes | None = None) -> Axes:
@@ -311,21 +320,42 @@ def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes
     ax = _axes(ax, 7.5, 5.0)
     rows = table[table["direction"] == direction]
     for i, model in enumerate(_FITTING_MODELS):
-        _fitting_lines(ax, rows[rows["model"] == model], model, {"color": PALETTE[i], "marker": _MARKERS[i]})
+        # Gamma's one dot lies under GGCM's, so it is the larger.
+        look = {"color": PALETTE[i], "marker": _MARKERS[i], "ms": 11 if model == "Gamma" else 6}
+        _fitting_lines(ax, rows[rows["model"] == model], model, look)
         printed = rows[(rows["model"] == model) & rows["paper"].notna() & (model != "SLR-monotone")]
         ax.scatter(printed["n_params"], printed["paper"], marker="x", s=60, color=PALETTE[i], zorder=3)
     ax.plot([], [], color="0.4", ls=":", marker="o", mfc="white", label="held out (grouped 5-fold),\nwhere it differs")
     if rows["paper"].notna().any():
-        ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's figure,\nsame colour")
+        ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's figure, named\nwhere off our line")
+        _name_crosses(ax, rows[rows["model"].isin(_FITTING_MODELS[:-1]) & rows["paper"].notna()])
     ax.set(
         xlabel="number of parameters",
         ylabel="mean RMSE (share of the curve's range)",
         yscale="log",
         xticks=[1, 2, 3, 4],
+        xlim=(0.8, 4.7),
     )
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     ax.grid(axis="y", which="both", lw=0.3)
     return ax
+
+
+def _name_crosses(ax: Axes, rows: pd.DataFrame) -> None:
+    """Write the models' names beside crosses that lie off their lines, those of near crosses below each other."""
+    paper = np.log(rows["paper"])
+    off = rows.assign(log=paper)[np.abs(paper - np.log(rows["mean_rmse"])) > _OFF].sort_values("log", ascending=False)
+    for k, column in off.groupby("n_params"):
+        for _, near in column.groupby((column["log"].diff() < -_APART).cumsum()):
+            ax.annotate(
+                "\n".join(name.split("-")[0] for name in near["model"]),
+                (float(k), float(np.exp(near["log"].mean()))),
+                xytext=(8, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize="x-small",
+                path_effects=[withStroke(linewidth=3, foreground="white")],
+            )
 
 
 def _fitting_lines(ax: Axes, rows: pd.DataFrame, model: str, look: dict[str, Any]) -> None:
@@ -338,15 +368,18 @@ def _fitting_lines(ax: Axes, rows: pd.DataFrame, model: str, look: dict[str, Any
 
 def plot_validity(table: pd.DataFrame, direction: Direction = "forward", ax: Axes | None = None) -> Axes:
     """Draw the share of in-sample fits that fall somewhere or leave [0, 1]: fits that are no responses."""
-    ax = _axes(ax, 7.0, 4.0)
     rows = table[(table["direction"] == direction) & (table["split"] == "in-sample")]
+    ax = _axes(ax, 7.0, 1.2 + 0.2 * len(rows))
     place = np.arange(len(rows))
-    ax.bar(place - 0.2, 100 * rows["nonmonotone"], 0.4, color=PALETTE[0], label="falls somewhere")
-    ax.bar(place + 0.2, 100 * rows["out_of_range"], 0.4, color=PALETTE[4], hatch="//", label="leaves 0 to 1")
+    ax.barh(place - 0.2, 100 * rows["nonmonotone"], 0.4, color=PALETTE[0], label="falls somewhere")
+    ax.barh(place + 0.2, 100 * rows["out_of_range"], 0.4, color=PALETTE[4], hatch="////", label="leaves 0 to 1")
     names = [f"{model} {k}" for model, k in zip(rows["model"], rows["n_params"], strict=True)]
-    ax.set_xticks(place, names, rotation=60, ha="right", fontsize="small")
-    ax.set(ylabel="share of fitted curves (%)", xlabel="model and number of parameters", ylim=(0, 100))
-    ax.legend(fontsize="small")
+    ax.set_yticks(place, names, fontsize="small")
+    ax.set(xlabel="share of fitted curves (%)", ylabel="model and number of parameters", xlim=(0, 100))
+    ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.grid(axis="x", lw=0.3)
+    ax.set_axisbelow(True)
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize="small")
     return ax
 
 
@@ -446,7 +479,7 @@ def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = Non
     ax.scatter(table["complexity"], table["mse"], s=12, color="0.6", label=f"{len(table)} candidates")
     ax.step(front["complexity"], front["mse"], where="post", color=PALETTE[2], ls="--", label="Pareto front")
     x, y = table["complexity"][best], table["mse"][best]
-    ax.errorbar(x, y, yerr=bars[best], fmt="o", ms=5, lw=1, color=PALETTE[0], label=f"the {m} most accurate")
+    ax.errorbar(x, y, yerr=bars[best], fmt="D", ms=5, lw=1, color=PALETTE[0], label=f"the {m} most accurate")
     label = f"choice: {architecture(choice)}"
     ax.scatter(choice["complexity"], choice["mse"], s=90, marker="s", color=PALETTE[1], zorder=3, label=label)
     ax.set(xlabel="complexity (weights and biases of the encoder)", ylabel="held-out MSE", xscale="log", yscale="log")

@@ -33,6 +33,18 @@ _PAPER = (
     "Fully Connected Neural Network”"
 )
 _MARKS = {"reproduced": "✓", "holds": "✓", "differs": "✗", "does not hold": "✗", "not comparable": "–"}
+#: What stands for matplotlib's colours in a page, which may be dark: there the palette is lighter.
+_PAGE_COLOURS = {
+    "#000000": "currentColor",
+    "#ffffff": "Canvas",
+    "#b0b0b0": "var(--line)",
+    "#cccccc": "var(--line)",
+    "#666666": "var(--soft)",
+    "#0072b2": "light-dark(#0072b2, #3d9ae0)",
+    "#d55e00": "light-dark(#d55e00, #f28a3a)",
+    "#009e73": "light-dark(#009e73, #2ec495)",
+    "#56b4e9": "light-dark(#56b4e9, #a5dbff)",
+}
 _HEADINGS = ("claim", "paper", "ours", "verdict", "why")
 _LABELS = {
     "model": "model",
@@ -81,9 +93,14 @@ def write_figures(folder: Path) -> Iterator[Path]:
 
 def report_page() -> str:
     """Return the page; it asks the network for nothing, and its tables and sliders need no Python."""
+    return document(TITLE, report_body(), join("report.css"))
+
+
+def report_body() -> str:
+    """Return what the page holds, for a `crfbench.widgets.page.document` with report.css."""
     evidence = load_evidence()
     claims = claims_table(evidence)
-    body = "\n".join(
+    return "\n".join(
         [
             f"<header><h1>{html.escape(TITLE)}</h1>\n<p>{html.escape(_introduction(claims))}</p></header>",
             f"<main>\n<h2>Verdicts</h2>\n{_counts(claims)}\n{_rules()}",
@@ -97,7 +114,6 @@ def report_page() -> str:
             f"<footer><p>Made by crfbench {crfbench.__version__} with <code>crfbench report</code>.</p></footer>",
         ]
     )
-    return document(TITLE, body, join("report.css"))
 
 
 def sortable_leaderboard() -> SortableTable:
@@ -239,7 +255,7 @@ def _figure(draw: Callable[[], Axes], caption: str, alt: str) -> str:
     style: dict[Any, Any] = {
         "svg.fonttype": "path",
         "svg.hashsalt": caption,
-        "legend.framealpha": 0.0,
+        "legend.framealpha": 1.0,  # no line crosses the words
         "savefig.transparent": True,
     }
     content = io.StringIO()
@@ -263,5 +279,6 @@ def _inline(svg: str, prefix: str, alt: str) -> str:
     """Make an SVG file part of a page: identifiers of its own, black and white as the page has them, and a text."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{prefix}-", svg)
-    svg = svg.replace("#000000", "currentColor").replace("#ffffff", "Canvas")
+    for written, shown in _PAGE_COLOURS.items():
+        svg = svg.replace(written, shown)
     return svg.replace("<svg ", f'<svg role="img" aria-label="{html.escape(alt)}" fill="currentColor" ', 1)

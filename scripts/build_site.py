@@ -19,9 +19,11 @@ import anywidget
 import matplotlib.pyplot as plt
 import nbformat
 import pdoc
+from bs4 import BeautifulSoup, Tag
 from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 from nbformat import NotebookNode
+from numpy.typing import ArrayLike
 from pygments.formatters import HtmlFormatter
 
 import crfbench
@@ -43,6 +45,9 @@ PAGES = {
     "floors.html": "Floors",
     "api/index.html": "API reference",
 }
+#: Functions whose figures hold pictures, which stay as they are on a dark page; line drawings are turned dark.
+PICTURES = {"plot_chart", "plot_linearised", "plot_latent_epochs"}
+NUMBER = re.compile(r"([-+−]?[\d.,]+(e[-+]?\d+)?( ?%)?|NaN|)", flags=re.IGNORECASE)
 
 
 def build(folder: Path) -> None:
@@ -54,7 +59,7 @@ def build(folder: Path) -> None:
     write_page(folder, "floors.html", floors_body())
     write_reference(folder / "api")
     write_page(folder, "api/index.html", reference_body())
-    report.write_report(folder / "report.html")
+    write_page(folder, "report.html", report.report_body())
 
 
 def write_page(folder: Path, name: str, body: str) -> None:
@@ -62,7 +67,8 @@ def write_page(folder: Path, name: str, body: str) -> None:
     up = "../" * name.count("/")
     links = "".join(f'<li><a href="{up}{page}">{label}</a></li>' for page, label in PAGES.items())
     title = html.unescape(re.sub("<[^>]+>", "", body[body.index("<h1") : body.index("</h1>")]))
-    content = f'<nav aria-label="Site"><ul>{links}</ul></nav>\n<main>{body}</main>'
+    main = body if "<main>" in body else f"<main>{body}</main>"
+    content = f'<nav aria-label="Site"><ul>{links}</ul></nav>\n{main}'
     page = document(title if title == "crfbench" else f"{title} – crfbench", content, style())
     write_atomically(folder / name, page.encode())
 
@@ -124,14 +130,14 @@ def notebook_body(notebook: NotebookNode) -> str:
             cell.source = _page_links(cell.source)
         for output in cell.get("outputs", []):
             if "data" in output:
-                _show(output, f"cell-{number}", _figure_text(cell.source, heading))
+                _show(output, f"cell-{number}", cell.source, heading)
     exporter = HTMLExporter(
         template_name="basic", exclude_anchor_links=True, exclude_input_prompt=True, exclude_output_prompt=True
     )
     return exporter.from_notebook_node(notebook)[0]
 
 
-def _show(output: NotebookNode, name: str, text: str) -> None:
+def _show(output: NotebookNode, name: str, source: str, heading: str) -> None:
     """Change an output to what a page without Python can show."""
     data = output.data
     if "application/vnd.jupyter.widget-view+json" in data:
@@ -139,9 +145,51 @@ def _show(output: NotebookNode, name: str, text: str) -> None:
     elif "<table" in data.get("text/html", ""):
         # Wide tables scroll, by keyboard too.
         region = f'<div class="scroll" role="region" tabindex="0" aria-label="Table of {name}">'
-        data["text/html"] = f"{region}{data['text/html']}</div>"
+        data["text/html"] = f"{region}{_table(data['text/html'])}</div>"
     elif "image/png" in data:
-        output.metadata["image/png"] = {"alt": text}
+        size = "".join(f' {side}="{n}"' for side, n in output.metadata.get("image/png", {}).items())
+        text = html.escape(_figure_text(source, heading))
+        kind = ' class="as-it-is"' if PICTURES & _called(source).keys() else ""
+        picture = f'<img{kind} alt="{text}"{size} src="data:image/png;base64,{data["image/png"].strip()}">'
+        output.data = NotebookNode({"text/html": picture})
+
+
+def _table(text: str) -> str:
+    """Return a table of pandas with the index named where its headings are, and with columns of numbers marked."""
+    soup = BeautifulSoup(text, "html.parser")
+    for style in soup(["style"]):
+        style.decompose()
+    for table in soup("table"):
+        del table["border"]
+        _merge_headings(table)
+        _align(table)
+        for cell in table("th"):
+            if not cell.get_text(strip=True):
+                cell.name = "td"
+    return str(soup)
+
+
+def _merge_headings(table: Tag) -> None:
+    """Move the names of the index, which have a row of their own, into the headings above them."""
+    rows = table.select("thead tr")
+    if len(rows) > 1 and not any(cell.get_text(strip=True) for cell in rows[-1]("th")[_index_width(table) :]):
+        for name, above in zip(rows.pop().extract()("th")[: _index_width(table)], rows[-1]("th"), strict=False):
+            above.string = name.get_text(strip=True) or above.get_text(strip=True)
+
+
+def _index_width(table: Tag) -> int:
+    """Return how many headings each row begins with; the first row has them all."""
+    return len(table.select("tbody tr:first-child th"))
+
+
+def _align(table: Tag) -> None:
+    """Mark the columns of numbers, counted from the right, for the first cells of a row may be joined to others."""
+    rows = [row(["th", "td"])[::-1] for row in table("tr") if not row.select("[colspan]")]
+    texts = [[cell.get_text(strip=True) for cell in row("td")[::-1]] for row in table.select("tbody tr")]
+    for i, column in enumerate(zip(*texts, strict=True)):
+        if any(column) and all(map(NUMBER.fullmatch, column)):
+            for row in rows:
+                row[i]["class"] = "number"
 
 
 def _widget(plain: str, name: str) -> str:
@@ -156,14 +204,18 @@ def _widget(plain: str, name: str) -> str:
 
 def _figure_text(source: str, heading: str) -> str:
     """Say what a figure shows: its section, and what the function that draws it says of itself."""
-    called = [node.func for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
-    names = [node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "") for node in called]
-    for name in names:
+    for name in _called(source):
         for home in (plots, report, results):
             function = getattr(home, name, None)
             if "Axes" in str(getattr(function, "__annotations__", {}).get("return")):
                 return f"{heading} – {inspect.getdoc(function)}".split("\n", maxsplit=1)[0]
     return f"{heading} – drawn by the code above, described in the text below"
+
+
+def _called(source: str) -> dict[str, None]:
+    """Return the names of what is called, in order."""
+    called = [node.func for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    return dict.fromkeys(node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "") for node in called)
 
 
 def _fits_picture() -> str:
@@ -176,10 +228,10 @@ def _fits_picture() -> str:
     figure, axes = plt.subplots(figsize=(6, 4.5), layout="constrained")
     plots.plot_comparison(responses.curves[0], fits, ax=axes)
     picture = io.BytesIO()
-    figure.savefig(picture, format="png")
+    figure.savefig(picture, format="png", dpi=200, bbox_inches="tight")
     plt.close(figure)
     text = f"{responses.names[0]} and the best fits of {', '.join(fits)}"
-    return f'<img alt="{html.escape(text)}" src="{_data_address(picture.getvalue())}">'
+    return f'<img alt="{html.escape(text)}" width="450" src="{_data_address(picture.getvalue())}">'
 
 
 def _search_explorer() -> SearchExplorer:
@@ -242,11 +294,32 @@ def write_reference(folder: Path) -> None:
     with warnings.catch_warnings():  # modules named twice, and types that are there for the type checker only
         warnings.filterwarnings("ignore", message="The module specification|Error parsing type annotation")
         pdoc.pdoc(*modules(), output_directory=folder)
-    for path in (
-        *folder.rglob("*.html"),
-        folder / "search.js",
-    ):  # values that are modules tell where they lie on this machine
-        path.write_text(path.read_text(encoding="utf-8").replace(f"{ROOT}/", ""), encoding="utf-8")
+    for path in (*folder.rglob("*.html"), folder / "search.js"):
+        path.write_text(_tidy(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def _tidy(text: str) -> str:
+    """Return a page of the reference without what does not help: paths of this machine, and types and headings of pdoc.
+
+    Values that are modules tell where they lie. NumPy's ArrayLike is written out, over several lines. The parts of a
+    docstring are headings five levels below the page's.
+    """
+    text = text.replace(f"{ROOT}/", "")
+    text = re.sub(r'<h([56])(?: id="[\w-]+")?>(.*?)</h\1>', r'<h2 class="part">\2</h2>', text)
+    kinds = str(ArrayLike).removeprefix("typing.Union[").removesuffix("]")
+    for written, short in ((kinds, "ArrayLike"), ("typing.Union[ArrayLike]", "ArrayLike")):
+        text = _finder(written).sub(short, text)
+    return text
+
+
+@cache
+def _finder(written: str) -> re.Pattern[str]:
+    """Return what finds a type with any markup between its letters, with or without "typing." before its names."""
+    gap = "(?:<[^>]*>)*"
+    parts = [
+        "".join(f"{re.escape(letter)}{gap}" for letter in part) for part in re.split(r"(?<!\w)(typing\.)", written)
+    ]
+    return re.compile("".join(f"(?:{part})?" if i % 2 else part for i, part in enumerate(parts)).removesuffix(gap))
 
 
 def reference_body() -> str:

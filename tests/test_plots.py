@@ -1,3 +1,6 @@
+import io
+import re
+
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
@@ -35,11 +38,25 @@ def drawn(ax):
 def test_curves_are_drawn_as_they_are_and_counted_by_kind():
     responses = load_opencrf()
     ax = plots.plot_curves(responses.curves, responses.families)
-    assert sorted(map(tuple, drawn(ax).round(9))) == sorted(map(tuple, responses.curves.round(9)))
+    thin = np.array([line.get_ydata() for line in ax.get_lines() if line.get_linewidth() < 0.7])
+    assert sorted(map(tuple, thin.round(9))) == sorted(map(tuple, responses.curves.round(9)))
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
     assert "film-negative (94)" in legend
     assert ax.get_xlabel().startswith("irradiance")
     assert plots.plot_curves(responses.curves[:1], direction="inverse").get_xlabel().startswith("brightness")
+
+
+def test_families_are_told_apart_without_colours():
+    responses = load_opencrf()
+    ax = plots.plot_curves(responses.curves, responses.families)
+    medians = [line for line in ax.get_lines() if line.get_linewidth() == 2]
+    negatives = responses.curves[np.asarray(responses.families) == "film-negative"]
+    by_label = {line.get_label().split()[0]: line.get_ydata() for line in medians}
+    np.testing.assert_allclose(by_label["film-negative"], np.median(negatives, axis=0))
+    drawing = io.StringIO()
+    ax.figure.savefig(drawing, format="svg")
+    dashes = set(re.findall(r"stroke-dasharray: ([\d., ]+); [^\"]*stroke-width: 2\b", drawing.getvalue()))
+    assert len(dashes) + 1 == len(medians) == len(set(responses.families))  # one is solid
 
 
 def test_spread_draws_the_mean():
@@ -68,6 +85,9 @@ def test_fitting_shows_our_figures_and_the_papers(fitting):
     crosses = np.concatenate([np.asarray(c.get_offsets()).reshape(-1, 2) for c in ax.collections])
     shown = {(int(k), round(v, 9)) for k, v in crosses if np.isfinite(v)}
     assert shown == {(k, float(v)) for (_, k), v in FITTING.items()}
+    named = [name for text in ax.texts for name in text.get_text().split("\n")]
+    assert sorted(set(named)) == ["GGCM", "Gamma", "Polynomial", "SLR"]  # EMoR's crosses lie on its line
+    assert len(named) == len([model for model, _ in FITTING if model != "EMoR"])
     inverse = plots.plot_fitting(fitting, "inverse")  # of which the paper says nothing
     assert sum(len(np.asarray(c.get_offsets())) for c in inverse.collections) == 0
 
@@ -75,8 +95,8 @@ def test_fitting_shows_our_figures_and_the_papers(fitting):
 def test_validity_bars_are_shares_in_percent(fitting):
     ax = plots.plot_validity(fitting)
     rows = fitting.query("direction == 'forward' and split == 'in-sample'")
-    heights = [bar.get_height() for bar in ax.containers[0]]
-    assert np.allclose(heights, 100 * rows["nonmonotone"])
+    lengths = [bar.get_width() for bar in ax.containers[0]]
+    assert np.allclose(lengths, 100 * rows["nonmonotone"])
 
 
 def test_comparison_takes_the_curve_that_gamma_fits_worst_and_names_every_model():

@@ -10,8 +10,10 @@ import build_site
 import matplotlib.pyplot as plt
 import nbformat
 import numpy as np
+import pandas as pd
 import pytest
 import test_models
+from bs4 import BeautifulSoup
 
 import crfbench
 from crfbench.metrics import rmse
@@ -116,6 +118,45 @@ def test_language_titles_and_headings(pages, own):
         levels = [int(tag[1]) for tag, _ in page.found if re.fullmatch(r"h\d", tag)]
         assert levels[0] == levels.count(1) == 1, path.name
         assert (np.diff(levels) <= 1).all(), path.name
+
+
+def test_headings_of_the_reference_skip_no_level(pages, own):
+    for path in pages.keys() - own.keys():
+        levels = [int(tag[1]) for tag, _ in pages[path].found if re.fullmatch(r"h\d", tag)]
+        assert levels.count(1) == 1, path.name
+        assert (np.diff([*levels[levels.index(1) :]]) <= 1).all(), path.name
+
+
+def test_the_reference_does_not_write_arraylike_out(site):
+    text = re.sub("<[^>]+>", "", (site / "api/crfbench/plots.html").read_text(encoding="utf-8"))
+    assert "curves: ArrayLike" in text
+    assert "sets: Mapping[str, ArrayLike]" in text
+    assert "_array_like" not in text
+
+
+TWO_HEADINGS = pd.DataFrame(
+    {"mean": [-1.5, 20.0], "verdict": ["differs", "holds"]},
+    index=pd.MultiIndex.from_tuples([("SLR", ""), ("EMoR", "x")], names=["model", "constraint"]),
+)
+
+
+@pytest.mark.parametrize("frame", [TWO_HEADINGS, TWO_HEADINGS.reset_index(), TWO_HEADINGS.set_index("verdict")])
+def test_tables_have_named_headings_and_numbers_to_the_right(frame):
+    soup = BeautifulSoup(build_site._table(frame.to_html()), "html.parser")
+    head = [cell.get_text() for cell in soup.select("thead th")]
+    assert head == [*filter(None, frame.index.names), *frame.columns]
+    assert len(soup.select("thead tr")) == 1
+    assert all(cell.get_text(strip=True) for cell in soup("th"))
+    assert [cell.get_text() for cell in soup.select("tbody .number")] == ["-1.5", "20.0"]
+    assert [cell.get_text() for cell in soup.select("thead .number")] == ["mean"]
+    assert not soup("style")
+
+
+def test_joined_headings_stay():
+    frame = pd.DataFrame({("rmse", "min"): [0.1], ("rmse", "max"): [0.2]}, index=pd.Index(["SLR"], name="model"))
+    soup = BeautifulSoup(build_site._table(frame.to_html()), "html.parser")
+    rows = [[cell.get_text() for cell in row(["th", "td"])] for row in soup.select("thead tr")]
+    assert rows == [["", "rmse"], ["model", "min", "max"]]
 
 
 def test_pictures_have_texts(own):

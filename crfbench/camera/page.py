@@ -26,7 +26,10 @@ _PAGE = Template(
 <meta name="color-scheme" content="light dark"><title>$title</title>
 <style>
 :root { color-scheme: light dark } body { font: 1rem/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto;
-padding: 0 1rem } img { max-width: 100%; height: auto; background: #fff } table { border-collapse: collapse }
+padding: 0 1rem } img { max-width: 100%; height: auto; background: #fff }
+@media (prefers-color-scheme: dark) {
+img[src^="data:image/svg"] { filter: invert(.94) hue-rotate(180deg) brightness(1.2) } }
+table { border-collapse: collapse }
 th, td { text-align: left; padding: .2rem .8rem .2rem 0; vertical-align: top; overflow-wrap: anywhere }
 </style></head><body>
 <h1>$title</h1>

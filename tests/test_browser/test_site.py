@@ -93,3 +93,28 @@ def test_reads_well_everywhere(page, name, width, scheme):
     page.wait_for_load_state()
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     screenshot(page, f"site-{Path(name).stem}-{scheme}-{width}", "body")
+
+
+def test_no_page_scrolls_sideways_at_200_and_400_percent(page, site: Path):
+    names = sorted(str(path.relative_to(site)) for path in site.rglob("*.html"))
+    assert len(names) > 100
+    wide = []
+    for name in names:
+        page.goto(name)
+        if page.locator("script[type='application/json']").count():
+            page.locator(".crf").first.wait_for()
+        for width in (640, 320):
+            page.set_viewport_size({"width": width, "height": 900})
+            if page.evaluate("document.documentElement.scrollWidth") > width:
+                wide.append((name, width))
+    assert wide == []
+
+
+def test_drawings_do_not_glare_on_a_dark_page(page):
+    filters = "[...document.images].map((image) => [image.className, getComputedStyle(image).filter])"
+    for scheme, turned in (("dark", True), ("light", False)):
+        page.emulate_media(color_scheme=scheme)
+        page.goto("notebooks/7-your-camera.html")
+        seen = page.evaluate(filters)
+        assert {kind for kind, _ in seen} == {"", "as-it-is"}
+        assert all(("invert" in style) == (turned and kind == "") for kind, style in seen)

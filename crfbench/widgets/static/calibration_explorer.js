@@ -20,7 +20,7 @@ function halves(view) {
 class CalibrationPlot extends CurvePlot {
   paintCurve(context, curve) {
     this.dress(context, curve);
-    if (curve.points) for (const [x, y] of curve.points) this.disc(context, this.toX(x), this.toY(y), curve.radius);
+    if (curve.points) for (const [x, y] of curve.points) this.dot(context, this.toX(x), this.toY(y), curve);
     else if (curve.low) this.paintBand(context, curve);
     else this.paintLine(context, curve);
     context.globalAlpha = 1;
@@ -32,10 +32,16 @@ class CalibrationPlot extends CurvePlot {
     context.globalAlpha = alpha * (faint ? FAINT : 1);
   }
 
-  disc(context, x, y, radius) {
+  // Dots of a colour have a rim of ink, which tells them from the others without it.
+  dot(context, x, y, { radius, colour }) {
     context.beginPath();
     context.arc(x, y, radius, 0, 2 * Math.PI);
     context.fill();
+    if (!colour) return;
+    context.strokeStyle = this.ink;
+    context.lineWidth = 1;
+    context.setLineDash([]);
+    context.stroke();
   }
 
   // Browsers drop paths that run off to enormous coordinates.
@@ -66,7 +72,7 @@ class CalibrationPlot extends CurvePlot {
   paintLegend(context, { curve, label, x, row }) {
     const [start, y] = [this.left + x, row * ROW + ROW / 2];
     this.dress(context, curve);
-    if (curve.points) this.disc(context, start + LEGEND_LINE / 2, y, curve.radius + 0.5);
+    if (curve.points) this.dot(context, start + LEGEND_LINE / 2, y, curve);
     else if (curve.low) context.fillRect(start, y - 6, LEGEND_LINE, 12);
     else {
       this.setLine(context, { colour: curve.colour, dash: "solid" });
@@ -242,7 +248,7 @@ class CalibrationExplorerView {
       "held-out RMSE": formatError(shown.rmse),
       ...Object.fromEntries(Object.entries(shown.params).map(([name, value]) => [name, formatParam(value)])),
       "brightness measured": `${darkest} to ${brightest}`,
-      calculation: `${shown.milliseconds.toPrecision(2)} ms`,
+      calculation: `${Number(shown.milliseconds.toPrecision(2))} ms`,
     };
     const list = readouts(Object.keys(rows));
     list.show(Object.values(rows));

@@ -37,10 +37,11 @@ class ChartSketch extends Sketch {
   strokeTwice(context, width) {
     context.lineJoin = "round";
     context.setLineDash([]);
-    context.lineWidth = width + 2;
+    const core = width + Number(this.dark); // light on black looks thinner than dark on white
+    context.lineWidth = core + 2;
     context.strokeStyle = this.dark ? "#000" : "#fff";
     context.stroke();
-    this.setLine(context, { colour: "blue", dash: "solid", width });
+    this.setLine(context, { colour: "blue", dash: "solid", width: core });
     context.stroke();
   }
 }

@@ -1,10 +1,10 @@
 // Small plots on a canvas, shared by the widgets. Joined in front of a widget's own module.
 
-// Okabe and Ito's colours, told apart with any colour vision: [on a light ground, on a dark ground].
+// Okabe and Ito's colours, told apart with any colour vision: [on a light ground, lighter on a dark ground].
 const COLOURS = {
   blue: ["#0072B2", "#56B4E9"],
-  vermilion: ["#D55E00", "#D55E00"],
-  green: ["#009E73", "#009E73"],
+  vermilion: ["#D55E00", "#F28A3A"],
+  green: ["#009E73", "#2EC495"],
 };
 const DASHES = { solid: [], dashed: [8, 4], dotted: [2, 3] };
 const FONT_SIZE = 12;
@@ -27,6 +27,8 @@ function ticks({ min, max }, count) {
   const n = Math.floor(max / step + 1e-9) - first + 1;
   return Array.from({ length: n }, (_, i) => Number(((first + i) * step).toPrecision(10)));
 }
+
+const written = (value) => String(value).replace("-", "−");
 
 function shorten(context, text, width) {
   if (context.measureText(text).width <= width) return text;
@@ -160,12 +162,12 @@ class CurvePlot extends Sketch {
     for (const value of ticks(y, (bottom - top) / 44)) {
       this.paintGridLine(context, left, this.toY(value), right, this.toY(value));
       context.textAlign = "right";
-      context.fillText(value, left - 7, this.toY(value));
+      context.fillText(written(value), left - 7, this.toY(value));
     }
     for (const value of ticks(x, (right - left) / (x.gap ?? 56))) {
       this.paintGridLine(context, this.toX(value), top, this.toX(value), bottom);
       context.textAlign = value === x.max ? "right" : "center";
-      context.fillText(value, this.toX(value) + (value === x.max ? 4 : 0), bottom + 12);
+      context.fillText(written(value), this.toX(value) + (value === x.max ? 4 : 0), bottom + 12);
     }
     context.strokeRect(Math.round(left) + 0.5, Math.round(top) + 0.5, right - left - 1, bottom - top - 1);
     this.paintAxisNames(context);

@@ -129,7 +129,7 @@ class SearchPlot extends CurvePlot {
     if (best) this.paintBar(context, i, this.colour("blue"));
     context.globalAlpha = best ? 1 : 0.45;
     context.fillStyle = best ? this.colour("blue") : this.ink;
-    this.disc(context, ...this.at(i), best ? 4 : 3);
+    this[best ? "diamond" : "disc"](context, ...this.at(i), best ? 5 : 3);
     context.fill();
     context.globalAlpha = 1;
   }
@@ -161,10 +161,14 @@ class SearchPlot extends CurvePlot {
     this.disc(context, x, y, 9);
     context.stroke();
     const name = architectureName(candidates[row]);
-    const right = x + 14 + context.measureText(name).width > this.right;
+    const length = context.measureText(name).width;
+    const left = x + 14 + length > this.right ? x - 14 - length : x + 14;
+    const middle = y - 18 < this.top + 8 ? y + 18 : y - 18;
+    context.fillStyle = this.dark ? "#111" : "#fff"; // hides the dots behind the name
+    context.fillRect(left - 4, middle - 8, length + 8, 16);
     context.fillStyle = this.ink;
-    context.textAlign = right ? "right" : "left";
-    context.fillText(name, x + (right ? -14 : 14), y - 12 < this.top + 6 ? y + 14 : y - 12);
+    context.textAlign = "left";
+    context.fillText(name, left, middle);
   }
 
   paintKey(context) {
@@ -182,7 +186,7 @@ class SearchPlot extends CurvePlot {
         context.setLineDash([]);
       } else if (curve.colour === "vermilion") context.fillRect(start + LEGEND_LINE / 2 - 5, y - 5, 10, 10);
       else {
-        this.disc(context, start + LEGEND_LINE / 2, y, 4);
+        this[curve.colour ? "diamond" : "disc"](context, start + LEGEND_LINE / 2, y, curve.colour ? 5 : 4);
         context.fill();
       }
       context.globalAlpha = 1;
@@ -195,6 +199,12 @@ class SearchPlot extends CurvePlot {
   disc(context, x, y, radius) {
     context.beginPath();
     context.arc(x, y, radius, 0, 2 * Math.PI);
+  }
+
+  diamond(context, x, y, reach) {
+    context.beginPath();
+    for (const [right, down] of [[reach, 0], [0, reach], [-reach, 0], [0, -reach]]) context.lineTo(x + right, y + down);
+    context.closePath();
   }
 
   // The candidate nearest to a place on the canvas, if any is near.

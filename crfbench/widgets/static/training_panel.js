@@ -32,7 +32,8 @@ class TrainingPanelView {
     this.start = button("Start", () => this.ask(), { class: "crf-main" });
     this.stop = button("Stop", () => this.model.send({ kind: "stop" }), { title: "keep what was trained so far" });
     this.fields = [this.constraint, this.direction, this.seed, this.epochs];
-    return element("div", { class: "crf-choices" }, ...this.fields.map(({ box }) => box), this.start, this.stop);
+    const buttons = element("div", { class: "crf-buttons" }, this.start, this.stop);
+    return element("div", { class: "crf-choices" }, ...this.fields.map(({ box }) => box), buttons);
   }
 
   buildBody() {
