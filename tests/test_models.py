@@ -1,6 +1,7 @@
 """One contract that every model passes, in both directions; then what is special to each."""
 
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -248,6 +249,18 @@ def test_ppisp_is_always_a_response(free, direction):
     curve = model.decode(model.from_free(np.array(free)))
     assert not nonmonotone(curve).any()
     assert not off_endpoints(curve).any()
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+@pytest.mark.parametrize("make", [Gamma, PPISP])
+def test_searches_that_run_away_stay_within_floating_point(make, direction):
+    """At every corner of the free parameters, and without a warning."""
+    model = make(direction)
+    corners = np.array(list(product([-1e3, 1e3], repeat=model.n_params)))
+    params = model.from_free(corners)
+    assert not nonmonotone(model.decode(params)).any()
+    assert not off_endpoints(model.decode(params)).any()
+    assert np.isfinite(model.jacobian(params)).all()
 
 
 def test_ppisp_refuses_what_is_no_response():
