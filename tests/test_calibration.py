@@ -10,7 +10,8 @@ from observing import MODELS, known_curves, ready, scene, shape_rmse, unclipped
 
 from crfbench.calibration import METHODS, Noise, Observations, calibrate, decode_table
 from crfbench.calibration.alignment import AlignedLoss
-from crfbench.curves import as_valid_curves
+from crfbench.calibration.optimise import descend
+from crfbench.curves import GRID, as_valid_curves
 from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, patch_arrays, patch_intensity
 from crfbench.errors import CrfbenchError, InputError
@@ -145,6 +146,43 @@ def test_grid_is_the_global_optimum_and_the_papers_search_is_no_better(middlebur
     assert (loss_of("paper", starts=3) >= grid * (1 - 1e-9)).all()
 
 
+@pytest.mark.parametrize(("rate", "steps"), [(0.02, 25), (0.05, 600)])
+def test_the_papers_search_takes_the_steps_of_pytorchs_adam(middlebury, rate, steps):
+    """Until the loss moves by less than 1e-6, which the longer of the two runs does."""
+    torch = pytest.importorskip("torch")
+    model, _ = ready("EMoR", 3)
+    loss = AlignedLoss(Observations(middlebury[:2], 0.1 * REFERENCE_IRRADIANCE))
+    start, found = (descend(loss, model, 2, 1, seed=1, steps=n, rate=rate) for n in (0, steps))
+
+    def value(free, i):
+        return np.linalg.norm(loss.evaluate(model, free, np.full(len(free), i))[0], axis=1)
+
+    for i in range(2):
+        z = torch.tensor(start[i], requires_grad=True)
+        adam, before = torch.optim.Adam([z], lr=rate), np.inf
+        for taken in range(steps):
+            free = z.detach().numpy()
+            now = value(free[None], i)[0]
+            if abs(now - before) < 1e-6:
+                break
+            shift, before = 1e-6 * np.eye(3), now
+            z.grad = torch.tensor((value(free + shift, i) - value(free - shift, i)) / 2e-6)
+            adam.step()
+        assert (taken < steps - 1) == (steps == 600)
+        assert np.allclose(found[i], z.detach().numpy(), atol=1e-4)
+        assert value(found[i : i + 1], i) < value(start[i : i + 1], i)
+
+
+def test_of_many_starts_the_papers_search_keeps_the_best(middlebury):
+    model, _ = ready("GGCM", 3)
+    few = Observations(middlebury[:3], REFERENCE_IRRADIANCE)
+    loss = AlignedLoss(few)
+    starts = np.random.default_rng(5).normal(size=(3, 4, 3))
+    values = [np.linalg.norm(loss.evaluate(model, starts[i], np.full(4, i))[0], axis=1) for i in range(3)]
+    kept = descend(loss, model, 3, 4, seed=5, steps=0)
+    assert np.array_equal(kept, starts[np.arange(3), np.argmin(values, axis=1)])
+
+
 def test_parts_of_a_large_batch_change_nothing(middlebury, monkeypatch):
     model, table = ready("SLR-ldl", 1)
     observations = Observations(middlebury[:6], REFERENCE_IRRADIANCE)
@@ -192,9 +230,41 @@ def test_calibrations_that_cannot_be_are_refused(change, message):
         calibrate(observations=Observations([[0.2, 0.6]], [1.0, 4.0]), **asked)
 
 
-def test_tables_of_too_few_rows_are_refused():
-    with pytest.raises(InputError, match=r"rows=3 .*16 or more"):
-        decode_table(load_model("GGCM", 3), rows=3)
+@pytest.mark.parametrize(("name", "k", "default"), [("Gamma", 1, 512), ("GGCM", 3, 1024)])
+def test_tables_have_the_rows_asked_for_and_no_fewer_than_16(name, k, default):
+    model = load_model(name, k)
+    for rows in (15, 0, -1):
+        with pytest.raises(InputError, match=rf"rows={rows} .*16 or more"):
+            decode_table(model, rows=rows)
+    for rows, expected in ((16, 16), (700, 700), (None, default)):
+        table = decode_table(model, rows)
+        assert table.free.shape == table.params.shape == (expected, k)
+        assert np.allclose(table.curves, model.decode(table.params), atol=1e-6)
+        assert np.exp(table.log_prior).sum() == pytest.approx(1)
+
+
+def test_a_table_of_one_parameter_holds_the_prior():
+    """Its mean and variance from the rows and their weights; five standard deviations and at least 5 either side."""
+    for name in ("Gamma", "SLR-ldl"):
+        model = load_model(name)
+        table, prior = decode_table(model), model.prior_
+        free, weight = table.free[:, 0], np.exp(table.log_prior)
+        mean, variance = prior.mean[0], prior.covariance[0, 0]
+        assert weight @ free == pytest.approx(mean, abs=1e-6)
+        assert weight @ (free - mean) ** 2 == pytest.approx(variance, rel=1e-3)
+        assert np.ptp(np.diff(free)) < 1e-9
+        assert free[[0, -1]] - mean == pytest.approx(np.array([-1, 1]) * max(5, 5 * np.sqrt(variance)))
+
+
+def test_a_table_of_more_parameters_is_drawn_from_the_prior():
+    model = load_model("GGCM", 3)
+    table, prior = decode_table(model, rows=4001), model.prior_
+    assert np.array_equal(table.free[0], prior.mean)
+    sd = np.sqrt(np.diagonal(prior.covariance))
+    assert np.allclose(table.free.mean(axis=0), prior.mean, atol=0.05 * sd.max())
+    assert np.allclose(np.cov(table.free.T), prior.covariance, rtol=0.1, atol=0.05 * sd.max() ** 2)
+    assert np.array_equal(decode_table(model, 50, seed=1).free, decode_table(model, 50, seed=1).free)
+    assert not np.array_equal(decode_table(model, 50, seed=1).free, decode_table(model, 50, seed=2).free)
 
 
 def warned(brightness, **given):
@@ -224,6 +294,51 @@ def test_of_real_cameras_only_clipping_is_said():
     model, table = ready("SLR-ldl", 1)
     found = calibrate(model, chart_observations(patch_arrays(load_patches()))[0], "posterior", table=table)
     assert all("clipped" in warning for warnings in found.warnings for warning in warnings)
+
+
+# --- what a calibration tells
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Two sets of one photograph each, one patch of the second clipped; and their calibration."""
+    brightness = np.array([[[0.2, 0.4, 0.6, 0.8]], [[0.3, 0.5, 0.6, 1.0]]])
+    reference = np.array([[1.0, 4.0, 12.0, 20.0], [3.0, 8.0, 14.0, 50.0]])
+    return calibrate(load_model("Gamma"), Observations(brightness, reference), "posterior")
+
+
+def test_dots_lie_at_the_curve_less_their_residuals(pair):
+    """With one photograph that is the reference itself, on the scale of the curve."""
+    for index, counted in ((0, slice(4)), (1, slice(3)), (-1, slice(3))):
+        brightness, irradiance = pair.dots(index)
+        assert np.array_equal(brightness, pair.observations.brightness[index, 0, counted])
+        share = irradiance / pair.observations.reference[index, counted]
+        assert np.ptp(share) < 1e-9 * share[0]
+        residual = np.log(np.interp(brightness, GRID, pair.curves[index]) / irradiance)
+        assert np.allclose(residual, pair.residuals[index, 0, counted])
+    with pytest.raises(InputError, match="index=2 does not fit; there are 2"):
+        pair.plot(2)
+    with pytest.raises(InputError, match="index=-3 does not fit"):
+        pair.plot(-3)
+
+
+def test_a_frame_has_a_row_for_each_set(pair):
+    frame = pair.to_frame()
+    assert list(frame.columns) == [
+        *("gamma", "darkest", "brightest", "rms_residual", "noise_scale", "log_evidence", "warnings")
+    ]
+    assert np.array_equal(frame["gamma"], pair.params[:, 0])
+    assert frame[["darkest", "brightest"]].to_numpy().tolist() == [[0.2, 0.8], [0.3, 0.6]]
+    counted = [pair.residuals[0, 0], pair.residuals[1, 0, :3]]
+    assert np.allclose(frame["rms_residual"], [np.sqrt((r**2).mean()) for r in counted])
+    assert np.array_equal(frame["noise_scale"], pair.noise_scale)
+    assert np.array_equal(frame["log_evidence"], pair.belief.log_evidence)
+    assert ["clipped" in text for text in frame["warnings"]] == [False, True]
+
+
+def test_responses_undo_the_inverse_responses(pair):
+    for curve, response in zip(pair.curves, pair.responses, strict=True):
+        assert np.abs(np.interp(curve, GRID, response) - GRID)[100:-1].max() < 2e-3
 
 
 # --- whatever comes in
