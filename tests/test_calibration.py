@@ -157,20 +157,20 @@ def test_the_papers_search_takes_the_steps_of_pytorchs_adam(middlebury, rate, st
     def value(free, i):
         return np.linalg.norm(loss.evaluate(model, free, np.full(len(free), i))[0], axis=1)
 
+    shift = 1e-6 * np.eye(3)
     for i in range(2):
-        z = torch.tensor(start[i], requires_grad=True)
-        adam, before = torch.optim.Adam([z], lr=rate), np.inf
-        for taken in range(steps):
+        z, values = torch.tensor(start[i], requires_grad=True), [np.inf]
+        adam = torch.optim.Adam([z], lr=rate)
+        while len(values) <= steps:
             free = z.detach().numpy()
-            now = value(free[None], i)[0]
-            if abs(now - before) < 1e-6:
+            values.append(value(free[None], i)[0])
+            if abs(values[-1] - values[-2]) < 1e-6:
                 break
-            shift, before = 1e-6 * np.eye(3), now
             z.grad = torch.tensor((value(free + shift, i) - value(free - shift, i)) / 2e-6)
             adam.step()
-        assert (taken < steps - 1) == (steps == 600)
+        assert (len(values) <= steps) == (steps == 600)
         assert np.allclose(found[i], z.detach().numpy(), atol=1e-4)
-        assert value(found[i : i + 1], i) < value(start[i : i + 1], i)
+        assert values[-1] < values[1]
 
 
 def test_of_many_starts_the_papers_search_keeps_the_best(middlebury):

@@ -31,20 +31,20 @@ TRAIN = {direction: RESPONSES.in_direction(direction) for direction in ("forward
 SAMPLE = slice(None, None, 12)
 
 
-@pytest.fixture
+@pytest.fixture(scope="class")
 def model(kind, k, direction):
     train = TRAIN[direction]
     model = SLR.load(kind, k, direction) if isinstance(kind, str) else kind.from_curves(train, k, direction)
     return model.learn_prior(train[SAMPLE])
 
 
-@pytest.fixture
+@pytest.fixture(scope="class")
 def drawn(model):
     """Parameters from the model's own prior, shape (40, k)."""
     return model.from_free(model.prior_.sample(40, seed=5))
 
 
-@pytest.mark.parametrize(("kind", "k", "direction"), CASES)
+@pytest.mark.parametrize(("kind", "k", "direction"), CASES, scope="class")
 class TestContract:
     def test_shapes(self, model, drawn, k):
         assert model.n_params == k
