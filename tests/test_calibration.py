@@ -1,5 +1,6 @@
 """One contract for every model and method; optima against brute force; a photograph of nothing unusual breaks it."""
 
+import time
 import warnings
 
 import numpy as np
@@ -288,6 +289,81 @@ def test_doubtful_observations_are_warned_of():
     assert "at the edge of what the prior expects" in "".join(found.warnings[0])
     mixed = np.array([[0.2, 0.3, 0.4, 0.5], [0.5, 0.4, 0.3, 0.6]])  # two photographs that contradict each other
     assert "times as widely as their noise lets expect" in warned(mixed, reference=[1.0, 1.1, 1.2, 1.3])
+
+
+def said(brightness, reference, model="Gamma", **given):
+    """The warnings about one set, as calibrations by "map" have them."""
+    return calibrate(load_model(model), Observations(brightness, reference, **given)).warnings[0]
+
+
+RISING, STEPS = np.linspace(0.3, 0.84, 10), np.linspace(0.3, 0.84, 10) ** 2.2
+
+
+@pytest.mark.parametrize("clipped", [1, 2])
+def test_more_than_a_tenth_clipped_is_said(clipped):
+    brightness = np.append(RISING[:-clipped], [1.0] * clipped)
+    reference = np.append(STEPS[:-clipped], [2.0] * clipped)
+    expected = ("2 of 10 observations are clipped",) if clipped == 2 else ()
+    assert said([brightness], reference) == expected
+    left_out = {"weights": np.append(np.ones(10), np.zeros(4))}
+    assert said([np.append(brightness, [1.0] * 4)], np.append(reference, [2.0] * 4), **left_out) == expected
+
+
+@pytest.mark.parametrize("patches", [3, 4])
+def test_fewer_than_4_patches_are_said_however_many_the_photographs(patches):
+    exposed = np.linspace(0.8, 1.1, 5)[:, None] * RISING[:patches]
+    expected = ("only 3 patches: the prior says much of this curve",) if patches == 3 else ()
+    assert said(exposed, STEPS[:patches]) == expected
+
+
+def test_falling_brightness_is_said_by_photograph():
+    falls = "brightness falls where the reference rises; check the order of the patches"
+    brightness = np.array([[0.3, 0.2, 0.5, 0.5], [0.5, 0.5, 0.9, 0.8]])  # it rises from one photograph to the other
+    weights = [[1, 1, 0, 0], [0, 0, 1, 1]]
+    assert falls in said(brightness, [1, 2, 3, 4], weights=weights)
+    assert falls not in said(1 - brightness, [1, 2, 3, 4], weights=weights)
+    odd_one = np.append(RISING, 0.01), np.append(STEPS, 1e6)
+    assert falls not in said([odd_one[0]], odd_one[1], weights=np.append(np.ones(10), 0))
+    assert falls in said([odd_one[0]], odd_one[1], weights=np.append(np.ones(10), 100))
+
+
+def test_scatter_is_said_with_its_size():
+    brightness = np.array([[0.2, 0.3, 0.4, 0.5], [0.5, 0.4, 0.3, 0.6]])
+    found = calibrate(load_model("Gamma"), Observations(brightness, [1.0, 1.1, 1.2, 1.3]))
+    assert (
+        f"the observations scatter {found.noise_scale[0]:.1f} times as widely as their noise lets expect; "
+        "check that the scene stood still and that exposures and reference are right"
+    ) in found.warnings[0]
+
+
+@pytest.mark.parametrize(("name", "k", "side"), [("Gamma", 1, -1), ("Gamma", 1, 1), ("GGCM", 2, 1)])
+def test_the_edge_is_4_standard_deviations_from_the_mean_of_the_prior(name, k, side):
+    model = load_model(name, k)
+    sd = np.sqrt(np.diagonal(model.prior_.covariance))
+    best = Noise(brightness=1e-5, exposure=1e-5)
+    for times, expected in ((3.9, ()), (4.1, ("the best parameters lie at the edge of what the prior expects",))):
+        free = model.prior_.mean + side * times * sd * (np.arange(k) == 0)
+        curve = model.decode(model.from_free(free))
+        brightness = np.linspace(0.8, 0.98, 20)
+        seen = Observations([brightness], np.interp(brightness, GRID, curve), reference_error=1e-5)
+        assert calibrate(model, seen, noise=best).warnings[0] == expected
+
+
+def test_what_is_told_of_a_run():
+    began = time.perf_counter()
+    found = calibrate(load_model("Gamma"), unclipped(RISING[None], STEPS), "grid")
+    assert 0 < found.seconds <= time.perf_counter() - began
+    assert (len(found), found.method, found.noise, found.noise_scale, found.belief) == (1, "grid", Noise(), None, None)
+    assert found.bands == {}
+    for bad, message in (
+        ({"model": "Gamma"}, r"^model is a str; use what load_model\(name\) gives$"),
+        (
+            {"observations": RISING},
+            r"^observations is a ndarray; use what Observations\(brightness, reference\) gives$",
+        ),
+    ):
+        with pytest.raises(InputError, match=message):
+            calibrate(**{"model": found.model, "observations": found.observations, **bad})
 
 
 def test_of_real_cameras_only_clipping_is_said():
