@@ -8,9 +8,10 @@ from scipy.stats import binomtest, norm
 
 from crfbench.calibration import Noise, Observations, calibrate, decode_table
 from crfbench.calibration.alignment import AlignedLoss
-from crfbench.calibration.bands import drawn_belief, exact_belief
+from crfbench.calibration.bands import Belief, drawn_belief, exact_belief
 from crfbench.calibration.likelihood import Likelihood
 from crfbench.calibration.posterior import Posterior
+from crfbench.calibration.table import band_samples, in_parts
 from crfbench.curves import GRID
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
@@ -359,6 +360,43 @@ def test_the_posterior_of_one_parameter_is_the_integral(name, known, noise):
                 order = np.argsort(dense[:, sample])
                 rank = np.searchsorted(np.cumsum(weights[order]), share)
                 assert abs(end[0, sample] - dense[order[rank], sample]) < 1.2 * steps[sample]
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_means_and_quantiles_of_curves_are_numpys(shared):
+    """Equal weights by Hazen's definition, in which a value stands for itself up to halfway; others by `np.interp`."""
+    rng, levels = np.random.default_rng(3), (0.02, 0.25, 0.5, 0.9, 0.99)
+    curves = GRID ** rng.uniform(0.3, 3, (1 if shared else 2, 20, 1)) + 0.2 * rng.normal(size=(1, 20, 1)) * GRID
+    weights = np.stack([np.full(20, 0.05), rng.dirichlet(np.ones(20))])
+    at = band_samples()
+    order = np.argsort(np.swapaxes(curves[:, :, at], 1, 2), axis=2)
+    belief = Belief(rng.normal(size=(*curves.shape[:2], 1)), curves, order, weights, np.zeros(2))
+    even, uneven = curves[0], curves[-1]
+    assert np.allclose(belief.mean(), [even.mean(axis=0), np.average(uneven, axis=0, weights=weights[1])], atol=1e-6)
+    found = belief.quantiles(levels)
+    assert np.allclose([q[0, at] for q in found], np.quantile(even, levels, axis=0, method="hazen")[:, at])
+    for sample in at:
+        rank = np.argsort(uneven[:, sample])
+        middle = np.cumsum(weights[1, rank]) - weights[1, rank] / 2
+        assert np.allclose([q[1, sample] for q in found], np.interp(levels, middle, uneven[rank, sample]))
+    for quantile in found:
+        assert np.allclose(quantile, [np.interp(GRID, GRID[at], row[at]) for row in quantile])
+
+
+def test_a_table_is_looked_up_as_by_interpolation():
+    table = ready("GGCM", 3)[1]
+    brightness = np.append(np.random.default_rng(1).random((2, 3, 5)), np.tile([0.0, 1.0], (2, 3, 1)), axis=2)
+    expected = np.array([np.interp(brightness, GRID, curve) for curve in table.curves[:9].astype(float)])
+    assert np.allclose(table.at(brightness)[..., :9], np.moveaxis(expected, 0, -1), atol=1e-5)
+
+
+@pytest.mark.parametrize("cells", [0, 1, 2**17, 2**17 + 1, 2**19, 2**21])
+def test_parts_hold_every_set_once_and_as_many_as_may_be(cells):
+    sizes = [part.stop - part.start for part in in_parts(11, cells)]
+    assert [i for part in in_parts(11, cells) for i in range(part.start, part.stop)] == list(range(11))
+    most = next(n for n in range(11, 0, -1) if n == 1 or n * cells <= 2**19)
+    assert set(sizes[:-1]) <= {most}
+    assert 0 < sizes[-1] <= most
 
 
 def test_bands_are_nested():

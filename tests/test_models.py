@@ -8,12 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import differential_evolution, least_squares
+from scipy.spatial.distance import cdist
 
 from crfbench.curves import GRID, as_valid_curves, invert
 from crfbench.datasets import load_emor_basis, load_opencrf, load_responses
 from crfbench.errors import InputError
 from crfbench.metrics import mse, nonmonotone, off_endpoints, rmse
 from crfbench.models import GGCM, MODELS, PPISP, SLR, EMoR, Gamma, Polynomial
+from crfbench.models.base import nearest_in_table
 
 CASES = [
     pytest.param(kind, k, direction, id=f"{kind.name}-{k}-{direction}")
@@ -217,6 +219,7 @@ def test_emor_of_all_components_is_exact_and_components_are_orthonormal():
     model = EMoR.from_curves(curves, len(curves) - 1, "forward")
     assert rmse(model.decode(model.fit(curves)), curves).max() < 1e-10
     assert np.allclose(model.components_ @ model.components_.T, np.eye(len(model.components_)), atol=1e-10)
+    assert (model.components_.max(axis=1) == np.abs(model.components_).max(axis=1)).all()  # PCA leaves the sign open
     variances = (model.fit(curves) ** 2).sum(axis=0)
     assert (np.diff(variances) <= 1e-12).all()
 
@@ -226,6 +229,15 @@ def test_emor_refuses_more_parameters_than_components():
         EMoR(GRID, [GRID, GRID**2], n_params=3)
     with pytest.raises(InputError, match="basis of 2; use 1 to 2"):
         EMoR.from_curves(TRAIN["forward"][:3], 3, "forward")
+
+
+@pytest.mark.parametrize("n_best", [1, 5])
+def test_the_nearest_of_a_table_are_the_nearest(n_best):
+    curves, exponents = TRAIN["forward"][::30], np.geomspace(0.1, 10, 40)[:, None]
+    found = nearest_in_table(curves, exponents, Gamma().decode(exponents), n_best)
+    distance = cdist(curves[:, ::8], GRID[::8] ** exponents)
+    expected = exponents[np.argsort(distance, axis=1)[:, :n_best]]
+    assert np.array_equal(np.sort(found, axis=1), np.sort(expected, axis=1))
 
 
 @pytest.mark.parametrize("params", [[1, 1, 0.45, 0.5], [2, 0.5, 1.2, 0.3], [0.6, 3, 0.8, 0.7]])
