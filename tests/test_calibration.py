@@ -3,6 +3,7 @@
 import time
 import warnings
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -396,6 +397,16 @@ def test_dots_lie_at_the_curve_less_their_residuals(pair):
         pair.plot(2)
     with pytest.raises(InputError, match="index=-3 does not fit"):
         pair.plot(-3)
+
+
+def test_the_set_asked_for_is_drawn(pair):
+    for index in (0, 1, -1):
+        ax = pair.plot(index)
+        assert any(np.array_equal(line.get_ydata(), pair.curves[index]) for line in ax.get_lines())
+        drawn = len(ax.get_lines())
+        assert pair.plot(index, ax) is ax
+        assert len(ax.get_lines()) > drawn
+    plt.close("all")
 
 
 def test_a_frame_has_a_row_for_each_set(pair):

@@ -461,6 +461,17 @@ def test_draws_weigh_as_the_exact_table_does():
         assert np.abs(ours - theirs).max() < 0.02
 
 
+def test_draws_spread_as_the_curvature_tells_only_wider():
+    """Three parameters that depend on each other: whitened by the curvature, the draws have variance 1.4^2."""
+    model, _ = ready("GGCM", 3)
+    reference, _, brightness = scene(known_curves(model, 4))
+    posterior = Posterior(unclipped(brightness, reference), Noise())
+    best, rows = np.tile(model.prior_.mean, (4, 1)), np.arange(4)
+    root = np.linalg.cholesky(posterior.objective(model, rows)(best, rows)[1])
+    off = drawn_belief(posterior, model, best, seed=3).free - best[:, None]
+    assert np.allclose(np.cov((off @ root).reshape(-1, 3).T), 1.4**2 * np.eye(3), atol=0.3)
+
+
 def test_posterior_means_are_irradiances_where_the_model_is_unbounded():
     model, table = ready("Polynomial", 3)
     dark = unclipped(np.array([[0.05, 0.1, 0.15]]), np.array([1.0, 2.5, 4.0]))

@@ -66,6 +66,11 @@ def test_colours_of_another_shape_are_refused(shape):
         Observations.from_rgb(np.full(shape, 0.5), REFERENCE)
 
 
+def test_colours_that_are_not_finite_are_refused():
+    with pytest.raises(InputError, match=r"^rgb of shape \(1, 2, 3\) holds NaN"):
+        Observations.from_rgb(np.full((1, 2, 3), np.nan), REFERENCE[:2])
+
+
 def test_saturated_and_black_patches_are_clipped_by_default():
     brightness = np.array([[0, 1 / 255, 0.5, 253.9 / 255, 254 / 255, 1]])
     observations = Observations(brightness, np.arange(1, 7))
