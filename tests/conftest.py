@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, Phase, settings
 
 from crfbench.datasets import Responses, load_dorf, registry
 
@@ -15,6 +16,17 @@ from crfbench.datasets import Responses, load_dorf, registry
 # others when looked into; so it is loaded here, before the tests load more. It also changes how NumPy prints: undone.
 with warnings.catch_warnings(), suppress(ImportError), np.printoptions():
     import spectral_film_lut  # noqa: F401
+
+
+# For mutation testing: the same examples every time, nothing remembered from other mutants, no shrinking, no clock.
+settings.register_profile(
+    "mutation",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    phases=(Phase.explicit, Phase.generate),
+    suppress_health_check=list(HealthCheck),
+)
 
 
 @pytest.fixture(scope="session", autouse=True)

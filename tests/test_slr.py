@@ -183,6 +183,9 @@ def test_foreign_weights_are_refused(tmp_path, saved):
     save_file({"a": np.zeros(3, np.float32)}, foreign)
     with pytest.raises(FormatError, match="format None; use a weights file of format 'crfbench-slr-1'"):
         SLR.load(foreign)
+    save_file({"a": np.zeros(3, np.float32)}, foreign, metadata={"format": "pt"})
+    with pytest.raises(FormatError, match="format 'pt'; use a weights file of format 'crfbench-slr-1'"):
+        SLR.load(foreign)
     text = tmp_path / "text.safetensors"
     text.write_text("not weights at all, but long enough to look like a header")
     with pytest.raises(FormatError, match=r"text\.safetensors is damaged or no safetensors file"):
@@ -191,6 +194,15 @@ def test_foreign_weights_are_refused(tmp_path, saved):
         SLR.load(tmp_path / "gone.safetensors")
     with pytest.raises(InputError, match="no shipped weights 'ldl-2-inverse'; there are: aae-1-forward"):
         SLR.load("ldl", 2)
+
+
+def test_weights_are_held_and_saved_in_single_precision(saved, tmp_path):
+    weights, card = load_weights(saved[1], 1, "inverse")
+    double = {name: array.astype(np.float64) for name, array in weights.items()}
+    assert {array.dtype for array in SLR.from_weights(double, card).weights_.values()} == {np.dtype(np.float32)}
+    save_weights(tmp_path / "double.safetensors", double, card)
+    again = SLR.load(tmp_path / "double.safetensors").weights_
+    assert all(again[name].dtype == np.float32 and np.array_equal(again[name], weights[name]) for name in weights)
 
 
 @pytest.mark.parametrize("lacking", ["hidden", "n_latent", "direction", "monotone", "latents"])
