@@ -491,6 +491,13 @@ def test_any_observations_give_finite_results_or_an_error_of_ours(given, which, 
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_a_reference_that_is_all_the_same_does_no_harm(method):
+    model, table = ready("GGCM", 3) if method == "lm" else ready("Gamma", 1)
+    found = calibrate(model, Observations([[0.2, 0.5, 0.6]], [2.0] * 3), method, table=table, starts=2)
+    as_valid_curves(found.curves)
+
+
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["SLR-ldl", "SLR-monotone"])
 def test_photographs_that_tell_little_do_no_harm(name, method):
     """One photograph all clipped and one with a single patch, beside a good one."""

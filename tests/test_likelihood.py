@@ -11,7 +11,7 @@ from crfbench.calibration.alignment import AlignedLoss
 from crfbench.calibration.bands import Belief, drawn_belief, exact_belief
 from crfbench.calibration.likelihood import Likelihood
 from crfbench.calibration.posterior import Posterior
-from crfbench.calibration.table import band_samples, in_parts
+from crfbench.calibration.table import in_parts
 from crfbench.curves import GRID
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
@@ -152,6 +152,14 @@ class TestCurvature:
         assert mse.max() < 1e-20
         numeric = self.slopes(lambda z: loss.evaluate(model, z[None], ROW)[1][0], free)
         assert np.allclose(2 * half[0], numeric, rtol=1e-4, atol=1e-6 * np.abs(numeric).max())
+
+    @pytest.mark.parametrize("offset", [True, False])
+    def test_of_the_square_of_the_papers_loss_near_a_perfect_fit(self, perfect, offset):
+        model, free, (brightness, reference, _) = perfect
+        nearly = reference * np.exp(1e-4 * np.random.default_rng(3).normal(size=reference.shape))
+        objective = AlignedLoss(unclipped(brightness, nearly), offset).objective(model, ROW)
+        numeric = self.slopes(lambda z: objective(z[None], ROW)[2][0], free, step=1e-7)
+        assert np.allclose(objective(free[None], ROW)[1][0], numeric, atol=0.01 * np.abs(numeric).max())
 
     @pytest.mark.parametrize("known", KNOWN)
     def test_of_the_posterior_at_a_perfect_fit(self, perfect, known):
@@ -368,7 +376,7 @@ def test_means_and_quantiles_of_curves_are_numpys(shared):
     rng, levels = np.random.default_rng(3), (0.02, 0.25, 0.5, 0.9, 0.99)
     curves = GRID ** rng.uniform(0.3, 3, (1 if shared else 2, 20, 1)) + 0.2 * rng.normal(size=(1, 20, 1)) * GRID
     weights = np.stack([np.full(20, 0.05), rng.dirichlet(np.ones(20))])
-    at = band_samples()
+    at = np.append(np.arange(0, 1024, 8), 1023)
     order = np.argsort(np.swapaxes(curves[:, :, at], 1, 2), axis=2)
     belief = Belief(rng.normal(size=(*curves.shape[:2], 1)), curves, order, weights, np.zeros(2))
     even, uneven = curves[0], curves[-1]
