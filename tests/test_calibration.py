@@ -12,13 +12,14 @@ from observing import MODELS, known_curves, ready, scene, shape_rmse, unclipped
 
 from crfbench.calibration import METHODS, Noise, Observations, calibrate, decode_table
 from crfbench.calibration.alignment import AlignedLoss
-from crfbench.calibration.optimise import descend
+from crfbench.calibration.optimise import descend, minimise
 from crfbench.curves import GRID, as_valid_curves
 from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, patch_arrays, patch_intensity
 from crfbench.errors import CrfbenchError, InputError
 from crfbench.metrics import rmse
 from crfbench.models import GGCM, Gamma, load_model
+from crfbench.numerics import normal_equations
 from crfbench.tables.calibration import chart_observations
 
 SHARP = Noise(brightness=1e-3, exposure=1e-3)
@@ -183,6 +184,18 @@ def test_of_many_starts_the_papers_search_keeps_the_best(middlebury):
     values = [np.linalg.norm(loss.evaluate(model, starts[i], np.full(4, i))[0], axis=1) for i in range(3)]
     kept = descend(loss, model, 3, 4, seed=5, steps=0)
     assert np.array_equal(kept, starts[np.arange(3), np.argmin(values, axis=1)])
+
+
+def test_the_least_is_found_within_the_table_and_beyond_either_end():
+    model, table = ready("Gamma", 1)
+    targets = np.array([-20.0, 0.3, 20.0])
+
+    class Bowl:
+        def objective(self, model, owner):
+            return lambda free, rows: normal_equations(free - targets[owner[rows]][:, None], np.ones((len(rows), 1, 1)))
+
+    found = minimise(Bowl(), model, table, (table.free[:, 0] - targets[:, None]) ** 2)
+    assert np.allclose(found[:, 0], targets)
 
 
 def test_parts_of_a_large_batch_change_nothing(middlebury, monkeypatch):
