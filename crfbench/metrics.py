@@ -9,8 +9,7 @@ from crfbench.errors import InputError
 
 def mse(a: ArrayLike, b: ArrayLike) -> Array:
     """Mean squared error over the last axis; shapes broadcast."""
-    difference = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
-    return np.mean(difference**2, axis=-1)
+    return np.mean(np.subtract(a, b, dtype=np.float64) ** 2, axis=-1)
 
 
 def rmse(a: ArrayLike, b: ArrayLike) -> Array:
@@ -55,16 +54,19 @@ def total_variance(curves: ArrayLike) -> float:
 
 def nonmonotone(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
     """Say of each curve whether it falls anywhere by more than `tolerance`; shape (n,), bool."""
-    return np.asarray((np.diff(np.atleast_2d(curves), axis=-1) < -tolerance).any(axis=-1))
+    return np.asarray((np.diff(_rows(curves)) < -tolerance).any(axis=1))
 
 
 def out_of_range(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
     """Say of each curve whether it leaves [0, 1] by more than `tolerance`; shape (n,), bool."""
-    batch = np.atleast_2d(np.asarray(curves, dtype=np.float64))
-    return np.asarray(((batch < -tolerance) | (batch > 1.0 + tolerance)).any(axis=-1))
+    batch = _rows(curves)
+    return np.asarray(((batch < -tolerance) | (batch > 1.0 + tolerance)).any(axis=1))
 
 
 def off_endpoints(curves: ArrayLike, tolerance: float = 1e-6) -> np.ndarray:
     """Say of each curve whether it misses (0, 0) or (1, 1) by more than `tolerance`; shape (n,), bool."""
-    batch = np.atleast_2d(np.asarray(curves, dtype=np.float64))
-    return np.asarray(np.abs(batch[:, [0, -1]] - (0.0, 1.0)).max(axis=-1) > tolerance)
+    return np.asarray(np.abs(_rows(curves)[:, [0, -1]] - (0.0, 1.0)).max(axis=1) > tolerance)
+
+
+def _rows(curves: ArrayLike) -> Array:
+    return np.atleast_2d(np.asarray(curves, dtype=np.float64))

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-import hypothesis
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, Phase, settings
 
 from crfbench.datasets import Responses, load_dorf, registry
 
@@ -19,8 +19,17 @@ with warnings.catch_warnings(), suppress(ImportError), np.printoptions():
 
 
 # How long an example takes depends on what else the machine does, and says nothing of the code.
-hypothesis.settings.register_profile("crfbench", deadline=None)
-hypothesis.settings.load_profile("crfbench")
+settings.register_profile("crfbench", deadline=None)
+settings.load_profile("crfbench")
+# For mutation testing: the same examples every time, nothing remembered from other mutants, no shrinking, no clock.
+settings.register_profile(
+    "mutation",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    phases=(Phase.explicit, Phase.generate),
+    suppress_health_check=list(HealthCheck),
+)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,7 +1,9 @@
 """One contract for every model and method; optima against brute force; a photograph of nothing unusual breaks it."""
 
+import time
 import warnings
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,12 +12,14 @@ from observing import MODELS, known_curves, ready, scene, shape_rmse, unclipped
 
 from crfbench.calibration import METHODS, Noise, Observations, calibrate, decode_table
 from crfbench.calibration.alignment import AlignedLoss
-from crfbench.curves import as_valid_curves
+from crfbench.calibration.optimise import descend, minimise
+from crfbench.curves import GRID, as_valid_curves
 from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, patch_arrays, patch_intensity
 from crfbench.errors import CrfbenchError, InputError
 from crfbench.metrics import rmse
 from crfbench.models import GGCM, Gamma, load_model
+from crfbench.numerics import normal_equations
 from crfbench.tables.calibration import chart_observations
 
 SHARP = Noise(brightness=1e-3, exposure=1e-3)
@@ -145,6 +149,55 @@ def test_grid_is_the_global_optimum_and_the_papers_search_is_no_better(middlebur
     assert (loss_of("paper", starts=3) >= grid * (1 - 1e-9)).all()
 
 
+@pytest.mark.parametrize(("rate", "steps"), [(0.02, 25), (0.05, 600)])
+def test_the_papers_search_takes_the_steps_of_pytorchs_adam(middlebury, rate, steps):
+    """Until the loss moves by less than 1e-6, which the longer of the two runs does."""
+    torch = pytest.importorskip("torch")
+    model, _ = ready("EMoR", 3)
+    loss = AlignedLoss(Observations(middlebury[:2], 0.1 * REFERENCE_IRRADIANCE))
+    start, found = (descend(loss, model, 2, 1, seed=1, steps=n, rate=rate) for n in (0, steps))
+
+    def value(free, i):
+        return np.linalg.norm(loss.evaluate(model, free, np.full(len(free), i))[0], axis=1)
+
+    shift = 1e-6 * np.eye(3)
+    for i in range(2):
+        z, values = torch.tensor(start[i], requires_grad=True), [np.inf]
+        adam = torch.optim.Adam([z], lr=rate)
+        while len(values) <= steps:
+            free = z.detach().numpy()
+            values.append(value(free[None], i)[0])
+            if abs(values[-1] - values[-2]) < 1e-6:
+                break
+            z.grad = torch.tensor((value(free + shift, i) - value(free - shift, i)) / 2e-6)
+            adam.step()
+        assert (len(values) <= steps) == (steps == 600)
+        assert np.allclose(found[i], z.detach().numpy(), atol=1e-4)
+        assert values[-1] < values[1]
+
+
+def test_of_many_starts_the_papers_search_keeps_the_best(middlebury):
+    model, _ = ready("GGCM", 3)
+    few = Observations(middlebury[:3], REFERENCE_IRRADIANCE)
+    loss = AlignedLoss(few)
+    starts = np.random.default_rng(5).normal(size=(3, 4, 3))
+    values = [np.linalg.norm(loss.evaluate(model, starts[i], np.full(4, i))[0], axis=1) for i in range(3)]
+    kept = descend(loss, model, 3, 4, seed=5, steps=0)
+    assert np.array_equal(kept, starts[np.arange(3), np.argmin(values, axis=1)])
+
+
+def test_the_least_is_found_within_the_table_and_beyond_either_end():
+    model, table = ready("Gamma", 1)
+    targets = np.array([-20.0, 0.3, 20.0])
+
+    class Bowl:
+        def objective(self, model, owner):
+            return lambda free, rows: normal_equations(free - targets[owner[rows]][:, None], np.ones((len(rows), 1, 1)))
+
+    found = minimise(Bowl(), model, table, (table.free[:, 0] - targets[:, None]) ** 2)
+    assert np.allclose(found[:, 0], targets)
+
+
 def test_parts_of_a_large_batch_change_nothing(middlebury, monkeypatch):
     model, table = ready("SLR-ldl", 1)
     observations = Observations(middlebury[:6], REFERENCE_IRRADIANCE)
@@ -192,9 +245,41 @@ def test_calibrations_that_cannot_be_are_refused(change, message):
         calibrate(observations=Observations([[0.2, 0.6]], [1.0, 4.0]), **asked)
 
 
-def test_tables_of_too_few_rows_are_refused():
-    with pytest.raises(InputError, match=r"rows=3 .*16 or more"):
-        decode_table(load_model("GGCM", 3), rows=3)
+@pytest.mark.parametrize(("name", "k", "default"), [("Gamma", 1, 512), ("GGCM", 3, 1024)])
+def test_tables_have_the_rows_asked_for_and_no_fewer_than_16(name, k, default):
+    model = load_model(name, k)
+    for rows in (15, 0, -1):
+        with pytest.raises(InputError, match=rf"rows={rows} .*16 or more"):
+            decode_table(model, rows=rows)
+    for rows, expected in ((16, 16), (700, 700), (None, default)):
+        table = decode_table(model, rows)
+        assert table.free.shape == table.params.shape == (expected, k)
+        assert np.allclose(table.curves, model.decode(table.params), atol=1e-6)
+        assert np.exp(table.log_prior).sum() == pytest.approx(1)
+
+
+def test_a_table_of_one_parameter_holds_the_prior():
+    """Its mean and variance from the rows and their weights; five standard deviations and at least 5 either side."""
+    for name in ("Gamma", "SLR-ldl"):
+        model = load_model(name)
+        table, prior = decode_table(model), model.prior_
+        free, weight = table.free[:, 0], np.exp(table.log_prior)
+        mean, variance = prior.mean[0], prior.covariance[0, 0]
+        assert weight @ free == pytest.approx(mean, abs=1e-6)
+        assert weight @ (free - mean) ** 2 == pytest.approx(variance, rel=1e-3)
+        assert np.ptp(np.diff(free)) < 1e-9
+        assert free[[0, -1]] - mean == pytest.approx(np.array([-1, 1]) * max(5, 5 * np.sqrt(variance)))
+
+
+def test_a_table_of_more_parameters_is_drawn_from_the_prior():
+    model = load_model("GGCM", 3)
+    table, prior = decode_table(model, rows=4001), model.prior_
+    assert np.array_equal(table.free[0], prior.mean)
+    sd = np.sqrt(np.diagonal(prior.covariance))
+    assert np.allclose(table.free.mean(axis=0), prior.mean, atol=0.05 * sd.max())
+    assert np.allclose(np.cov(table.free.T), prior.covariance, rtol=0.1, atol=0.05 * sd.max() ** 2)
+    assert np.array_equal(decode_table(model, 50, seed=1).free, decode_table(model, 50, seed=1).free)
+    assert not np.array_equal(decode_table(model, 50, seed=1).free, decode_table(model, 50, seed=2).free)
 
 
 def warned(brightness, **given):
@@ -220,10 +305,140 @@ def test_doubtful_observations_are_warned_of():
     assert "times as widely as their noise lets expect" in warned(mixed, reference=[1.0, 1.1, 1.2, 1.3])
 
 
+def said(brightness, reference, model="Gamma", **given):
+    """The warnings about one set, as calibrations by "map" have them."""
+    return calibrate(load_model(model), Observations(brightness, reference, **given)).warnings[0]
+
+
+RISING, STEPS = np.linspace(0.3, 0.84, 10), np.linspace(0.3, 0.84, 10) ** 2.2
+
+
+@pytest.mark.parametrize("clipped", [1, 2])
+def test_more_than_a_tenth_clipped_is_said(clipped):
+    brightness = np.append(RISING[:-clipped], [1.0] * clipped)
+    reference = np.append(STEPS[:-clipped], [2.0] * clipped)
+    expected = ("2 of 10 observations are clipped",) if clipped == 2 else ()
+    assert said([brightness], reference) == expected
+    left_out = {"weights": np.append(np.ones(10), np.zeros(4))}
+    assert said([np.append(brightness, [1.0] * 4)], np.append(reference, [2.0] * 4), **left_out) == expected
+
+
+@pytest.mark.parametrize("patches", [3, 4])
+def test_fewer_than_4_patches_are_said_however_many_the_photographs(patches):
+    exposed = np.linspace(0.8, 1.1, 5)[:, None] * RISING[:patches]
+    expected = ("only 3 patches: the prior says much of this curve",) if patches == 3 else ()
+    assert said(exposed, STEPS[:patches]) == expected
+
+
+def test_falling_brightness_is_said_by_photograph():
+    falls = "brightness falls where the reference rises; check the order of the patches"
+    brightness = np.array([[0.3, 0.2, 0.5, 0.5], [0.5, 0.5, 0.9, 0.8]])  # it rises from one photograph to the other
+    weights = [[1, 1, 0, 0], [0, 0, 1, 1]]
+    assert falls in said(brightness, [1, 2, 3, 4], weights=weights)
+    assert falls not in said(1 - brightness, [1, 2, 3, 4], weights=weights)
+    odd_one = np.append(RISING, 0.01), np.append(STEPS, 1e6)
+    assert falls not in said([odd_one[0]], odd_one[1], weights=np.append(np.ones(10), 0))
+    assert falls in said([odd_one[0]], odd_one[1], weights=np.append(np.ones(10), 100))
+
+
+def test_scatter_is_said_with_its_size():
+    brightness = np.array([[0.2, 0.3, 0.4, 0.5], [0.5, 0.4, 0.3, 0.6]])
+    found = calibrate(load_model("Gamma"), Observations(brightness, [1.0, 1.1, 1.2, 1.3]))
+    assert (
+        f"the observations scatter {found.noise_scale[0]:.1f} times as widely as their noise lets expect; "
+        "check that the scene stood still and that exposures and reference are right"
+    ) in found.warnings[0]
+
+
+@pytest.mark.parametrize(("name", "k", "side"), [("Gamma", 1, -1), ("Gamma", 1, 1), ("GGCM", 2, 1)])
+def test_the_edge_is_4_standard_deviations_from_the_mean_of_the_prior(name, k, side):
+    model = load_model(name, k)
+    sd = np.sqrt(np.diagonal(model.prior_.covariance))
+    best = Noise(brightness=1e-5, exposure=1e-5)
+    for times, expected in ((3.9, ()), (4.1, ("the best parameters lie at the edge of what the prior expects",))):
+        free = model.prior_.mean + side * times * sd * (np.arange(k) == 0)
+        curve = model.decode(model.from_free(free))
+        brightness = np.linspace(0.8, 0.98, 20)
+        seen = Observations([brightness], np.interp(brightness, GRID, curve), reference_error=1e-5)
+        assert calibrate(model, seen, noise=best).warnings[0] == expected
+
+
+def test_what_is_told_of_a_run():
+    began = time.perf_counter()
+    found = calibrate(load_model("Gamma"), unclipped(RISING[None], STEPS), "grid")
+    assert 0 < found.seconds <= time.perf_counter() - began
+    assert (len(found), found.method, found.noise, found.noise_scale, found.belief) == (1, "grid", Noise(), None, None)
+    assert found.bands == {}
+    for bad, message in (
+        ({"model": "Gamma"}, r"^model is a str; use what load_model\(name\) gives$"),
+        (
+            {"observations": RISING},
+            r"^observations is a ndarray; use what Observations\(brightness, reference\) gives$",
+        ),
+    ):
+        with pytest.raises(InputError, match=message):
+            calibrate(**{"model": found.model, "observations": found.observations, **bad})
+
+
 def test_of_real_cameras_only_clipping_is_said():
     model, table = ready("SLR-ldl", 1)
     found = calibrate(model, chart_observations(patch_arrays(load_patches()))[0], "posterior", table=table)
     assert all("clipped" in warning for warnings in found.warnings for warning in warnings)
+
+
+# --- what a calibration tells
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Two sets of one photograph each, one patch of the second clipped; and their calibration."""
+    brightness = np.array([[[0.2, 0.4, 0.6, 0.8]], [[0.3, 0.5, 0.6, 1.0]]])
+    reference = np.array([[1.0, 4.0, 12.0, 20.0], [3.0, 8.0, 14.0, 50.0]])
+    return calibrate(load_model("Gamma"), Observations(brightness, reference), "posterior")
+
+
+def test_dots_lie_at_the_curve_less_their_residuals(pair):
+    """With one photograph that is the reference itself, on the scale of the curve."""
+    for index, counted in ((0, slice(4)), (1, slice(3)), (-1, slice(3))):
+        brightness, irradiance = pair.dots(index)
+        assert np.array_equal(brightness, pair.observations.brightness[index, 0, counted])
+        share = irradiance / pair.observations.reference[index, counted]
+        assert np.ptp(share) < 1e-9 * share[0]
+        residual = np.log(np.interp(brightness, GRID, pair.curves[index]) / irradiance)
+        assert np.allclose(residual, pair.residuals[index, 0, counted])
+    with pytest.raises(InputError, match="index=2 does not fit; there are 2"):
+        pair.plot(2)
+    with pytest.raises(InputError, match="index=-3 does not fit"):
+        pair.plot(-3)
+
+
+def test_the_set_asked_for_is_drawn(pair):
+    for index in (0, 1, -1):
+        ax = pair.plot(index)
+        assert any(np.array_equal(line.get_ydata(), pair.curves[index]) for line in ax.get_lines())
+        drawn = len(ax.get_lines())
+        assert pair.plot(index, ax) is ax
+        assert len(ax.get_lines()) > drawn
+    plt.close("all")
+
+
+def test_a_frame_has_a_row_for_each_set(pair):
+    frame = pair.to_frame()
+    assert list(frame.columns) == [
+        *("gamma", "darkest", "brightest", "rms_residual", "noise_scale", "log_evidence", "warnings")
+    ]
+    assert np.array_equal(frame["gamma"], pair.params[:, 0])
+    assert frame[["darkest", "brightest"]].to_numpy().tolist() == [[0.2, 0.8], [0.3, 0.6]]
+    counted = [pair.residuals[0, 0], pair.residuals[1, 0, :3]]
+    assert np.allclose(frame["rms_residual"], [np.sqrt((r**2).mean()) for r in counted])
+    assert np.array_equal(frame["noise_scale"], pair.noise_scale)
+    assert np.array_equal(frame["log_evidence"], pair.belief.log_evidence)
+    assert ["clipped" in text for text in frame["warnings"]] == [False, True]
+
+
+def test_responses_undo_the_inverse_responses(pair):
+    for curve, response in zip(pair.curves, pair.responses, strict=True):
+        assert np.abs(np.interp(curve, GRID, response) - GRID)[100:-1].max() < 2e-3
 
 
 # --- whatever comes in
@@ -286,6 +501,13 @@ def test_any_observations_give_finite_results_or_an_error_of_ours(given, which, 
             assert (low <= high + 1e-9).all()
         assert np.isfinite(found.belief.log_evidence).all()
         assert np.allclose(found.belief.weights.sum(axis=1), 1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_reference_that_is_all_the_same_does_no_harm(method):
+    model, table = ready("GGCM", 3) if method == "lm" else ready("Gamma", 1)
+    found = calibrate(model, Observations([[0.2, 0.5, 0.6]], [2.0] * 3), method, table=table, starts=2)
+    as_valid_curves(found.curves)
 
 
 @pytest.mark.parametrize("method", METHODS)

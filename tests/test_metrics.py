@@ -53,3 +53,24 @@ def test_validity_flags():
     assert metrics.nonmonotone(curves).tolist() == [False, True, False, False]
     assert metrics.out_of_range(curves).tolist() == [False, True, True, False]
     assert metrics.off_endpoints(curves).tolist() == [False, False, True, True]
+
+
+def test_curves_may_be_integers_or_single_precision():
+    dark, bright = np.zeros(4, dtype=np.uint8), np.full(4, 255, dtype=np.uint8)
+    assert metrics.mse(dark, bright) == metrics.mse(bright, dark) == 255**2
+    assert metrics.nonmonotone(np.array([[1, 2, 3], [3, 2, 1]], dtype=np.uint8)).tolist() == [False, True]
+    thirds = np.full(10_000, 1 / 3, dtype=np.float32)
+    assert metrics.summarise(thirds)["mean"] == pytest.approx(float(thirds[0]), rel=1e-14)
+    third = np.stack([np.zeros_like(thirds), thirds])
+    assert metrics.total_variance(third) == pytest.approx(10_000 * (float(thirds[0]) / 2) ** 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("by", [0.0, 0.25])
+def test_tolerances_are_what_is_still_allowed(by):
+    """In numbers that floating point holds exactly."""
+    curves = np.array([[0, 0.5, 0.5 - by, 1], [-by, 0.5, 0.5, 1], [0, 0.5, 0.5, 1 + by]])
+    flags = metrics.nonmonotone, metrics.out_of_range, metrics.off_endpoints
+    assert not any(flag(curves, tolerance=by).any() for flag in flags)
+    if by:
+        found = [flag(curves, tolerance=by / 2).tolist() for flag in flags]
+        assert found == [[True, False, False], [False, True, True], [False, True, True]]

@@ -1,18 +1,21 @@
 """One contract that every model passes, in both directions; then what is special to each."""
 
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import differential_evolution, least_squares
+from scipy.spatial.distance import cdist
 
 from crfbench.curves import GRID, as_valid_curves, invert
 from crfbench.datasets import load_emor_basis, load_opencrf, load_responses
 from crfbench.errors import InputError
 from crfbench.metrics import mse, nonmonotone, off_endpoints, rmse
-from crfbench.models import GGCM, MODELS, PPISP, SLR, EMoR, Gamma, Polynomial
+from crfbench.models import GGCM, MODELS, PPISP, SLR, EMoR, Gamma, Polynomial, ggcm
+from crfbench.models.base import nearest_in_table
 
 CASES = [
     pytest.param(kind, k, direction, id=f"{kind.name}-{k}-{direction}")
@@ -30,20 +33,20 @@ TRAIN = {direction: RESPONSES.in_direction(direction) for direction in ("forward
 SAMPLE = slice(None, None, 12)
 
 
-@pytest.fixture
+@pytest.fixture(scope="class")
 def model(kind, k, direction):
     train = TRAIN[direction]
     model = SLR.load(kind, k, direction) if isinstance(kind, str) else kind.from_curves(train, k, direction)
     return model.learn_prior(train[SAMPLE])
 
 
-@pytest.fixture
+@pytest.fixture(scope="class")
 def drawn(model):
     """Parameters from the model's own prior, shape (40, k)."""
     return model.from_free(model.prior_.sample(40, seed=5))
 
 
-@pytest.mark.parametrize(("kind", "k", "direction"), CASES)
+@pytest.mark.parametrize(("kind", "k", "direction"), CASES, scope="class")
 class TestContract:
     def test_shapes(self, model, drawn, k):
         assert model.n_params == k
@@ -188,6 +191,30 @@ def test_gamma_fit_is_the_global_optimum(direction):
         assert error <= best.fun + 1e-10
 
 
+def test_the_equations_of_ggcm_are_newtons():
+    """Gradient and Hessian of the sum of squares, by differences; for any curve the matrix stays positive."""
+    x, w, step = GRID[1:], np.array([1.2, 0.3, -0.2]), 1e-4
+    y, shifts = np.stack([x**1.3, x**1.25, 5 + x]), step * np.eye(3)
+
+    def cost(w, i):
+        return ((x ** (w[0] + w[1] * x + w[2] * x**2) - y[i]) ** 2).sum()
+
+    for i in range(3):
+        found, matrix, gradient = (each[0] for each in ggcm._objective(x, y, 3)(w[None], np.array([i])))
+        assert np.isclose(found, cost(w, i))
+        slope = [(cost(w + s, i) - cost(w - s, i)) / (2 * step) for s in shifts]
+        assert np.allclose(2 * gradient, slope, rtol=1e-5)
+        assert (np.linalg.eigvalsh(matrix) > 0).all()
+        bend = [
+            [
+                (cost(w + s + t, i) - cost(w + s - t, i) - cost(w - s + t, i) + cost(w - s - t, i)) / (4 * step**2)
+                for t in shifts
+            ]
+            for s in shifts
+        ]
+        assert np.allclose(2 * matrix, bend, rtol=1e-4) == (i < 2)
+
+
 @pytest.mark.parametrize(("make", "bounds"), [(GGCM, [(-3, 6)] * 3), (PPISP, [(-3, 3)] * 4)])
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_nonlinear_fits_match_many_scipy_starts(make, bounds, direction):
@@ -216,6 +243,7 @@ def test_emor_of_all_components_is_exact_and_components_are_orthonormal():
     model = EMoR.from_curves(curves, len(curves) - 1, "forward")
     assert rmse(model.decode(model.fit(curves)), curves).max() < 1e-10
     assert np.allclose(model.components_ @ model.components_.T, np.eye(len(model.components_)), atol=1e-10)
+    assert (model.components_.max(axis=1) == np.abs(model.components_).max(axis=1)).all()  # PCA leaves the sign open
     variances = (model.fit(curves) ** 2).sum(axis=0)
     assert (np.diff(variances) <= 1e-12).all()
 
@@ -225,6 +253,15 @@ def test_emor_refuses_more_parameters_than_components():
         EMoR(GRID, [GRID, GRID**2], n_params=3)
     with pytest.raises(InputError, match="basis of 2; use 1 to 2"):
         EMoR.from_curves(TRAIN["forward"][:3], 3, "forward")
+
+
+@pytest.mark.parametrize("n_best", [1, 5])
+def test_the_nearest_of_a_table_are_the_nearest(n_best):
+    curves, exponents = TRAIN["forward"][::30], np.geomspace(0.1, 10, 40)[:, None]
+    found = nearest_in_table(curves, exponents, Gamma().decode(exponents), n_best)
+    distance = cdist(curves[:, ::8], GRID[::8] ** exponents)
+    expected = exponents[np.argsort(distance, axis=1)[:, :n_best]]
+    assert np.array_equal(np.sort(found, axis=1), np.sort(expected, axis=1))
 
 
 @pytest.mark.parametrize("params", [[1, 1, 0.45, 0.5], [2, 0.5, 1.2, 0.3], [0.6, 3, 0.8, 0.7]])
@@ -248,6 +285,18 @@ def test_ppisp_is_always_a_response(free, direction):
     curve = model.decode(model.from_free(np.array(free)))
     assert not nonmonotone(curve).any()
     assert not off_endpoints(curve).any()
+
+
+@pytest.mark.parametrize("direction", ["forward", "inverse"])
+@pytest.mark.parametrize("make", [Gamma, PPISP])
+def test_searches_that_run_away_stay_within_floating_point(make, direction):
+    """At every corner of the free parameters, and without a warning."""
+    model = make(direction)
+    corners = np.array(list(product([-1e3, 1e3], repeat=model.n_params)))
+    params = model.from_free(corners)
+    assert not nonmonotone(model.decode(params)).any()
+    assert not off_endpoints(model.decode(params)).any()
+    assert np.isfinite(model.jacobian(params)).all()
 
 
 def test_ppisp_refuses_what_is_no_response():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from crfbench.calibration import Noise, Observations, calibrate
+from crfbench.calibration.observations import colour_error
 from crfbench.curves import GRID
 from crfbench.errors import FormatError, InputError
 from crfbench.metrics import rmse
@@ -65,6 +66,11 @@ def test_colours_of_another_shape_are_refused(shape):
         Observations.from_rgb(np.full(shape, 0.5), REFERENCE)
 
 
+def test_colours_that_are_not_finite_are_refused():
+    with pytest.raises(InputError, match=r"^rgb of shape \(1, 2, 3\) holds NaN"):
+        Observations.from_rgb(np.full((1, 2, 3), np.nan), REFERENCE[:2])
+
+
 def test_saturated_and_black_patches_are_clipped_by_default():
     brightness = np.array([[0, 1 / 255, 0.5, 253.9 / 255, 254 / 255, 1]])
     observations = Observations(brightness, np.arange(1, 7))
@@ -115,6 +121,29 @@ def test_grey_patches_are_trusted_more_than_coloured_ones():
     off = np.log(linear[1] / linear[0])
     assert np.isclose(np.sqrt(coloured**2 - grey**2), off, rtol=0.2)
     assert Observations.from_rgb(rgb, REFERENCE, reference_error=0.1).reference_error[0].tolist() == [0.1] * 3
+
+
+def test_a_slight_colour_is_off_by_what_the_second_order_says():
+    """The logarithm of the mean of bent channels over the bent mean; two photographs of a patch count by their mean."""
+    channels = 0.5 * (1 + np.array([[[0, 0, 0], [-0.02, 0.0, 0.02]], [[0, 0, 0], [0.03, -0.03, 0.0]]]))
+    off = np.log((channels**2.2).mean(axis=-1) / channels.mean(axis=-1) ** 2.2)
+    spread = np.sqrt(off).mean(axis=0) ** 2
+    assert np.allclose(colour_error(channels), spread, rtol=0.02, atol=1e-12)
+    assert np.allclose(colour_error(np.stack([channels, channels])), [spread, spread], rtol=0.02, atol=1e-12)
+    assert colour_error(np.zeros((1, 2, 3))).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"reference": [1e-30, 1.0, 1e30]},
+        {"exposures": [-40.0, 60.0]},
+        {"reference": REFERENCE, "weights": [0, 1, 1e6]},
+        {"reference": REFERENCE, "reference_error": 1e30},
+    ],
+)
+def test_what_is_just_allowed_fits(given):
+    assert np.isfinite(calibrate(load_model("Gamma"), Observations(BRIGHTNESS, **given)).curves).all()
 
 
 # --- the models that are shipped ready to calibrate with

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load_file, save_file
+from scipy.stats import kstest, uniform
 
 from crfbench.curves import as_valid_curves
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.metrics import nonmonotone, off_endpoints, rmse
 from crfbench.models import SLR
-from crfbench.models.weights import shipped_weights
+from crfbench.models.weights import load_weights, save_weights, shipped_weights
 
 SHIPPED = [pytest.param(*name.rsplit("-", 2), id=name) for name in shipped_weights()]
 
@@ -103,6 +104,20 @@ def test_seeds_decide_new_weights():
     assert not np.array_equal(SLR(seed=3).decode([0.5]), SLR(seed=4).decode([0.5]))
 
 
+def test_new_weights_are_spread_as_pytorch_spreads_them():
+    """Uniform within 1 / sqrt(inputs), weights and biases alike; by SciPy's Kolmogorov-Smirnov test."""
+    model = SLR((300, 200), n_latent=2, seed=2)
+    shapes = {name: array.shape for name, array in model.weights_.items() if name.startswith("decoder")}
+    assert shapes["decoder.0.weight"] == (200, 2)
+    assert shapes["decoder.1.weight"] == (300, 200)
+    assert shapes["decoder.2.weight"] == (1024, 300)
+    for name, (_, inputs) in [(name, shape) for name, shape in shapes.items() if name.endswith("weight")]:
+        for array in (model.weights_[name], model.weights_[name.replace("weight", "bias")]):
+            scaled = array.ravel().astype(float) * np.sqrt(inputs)
+            assert np.abs(scaled).max() <= 1 + 1e-6
+            assert kstest(scaled, uniform(-1, 2).cdf).pvalue > 1e-3
+
+
 @pytest.mark.parametrize("hidden", [(), (5, 5, 5, 5), (0,), (10, -1)])
 def test_impossible_networks_are_refused(hidden):
     with pytest.raises(InputError, match="one to three layers"):
@@ -112,6 +127,12 @@ def test_impossible_networks_are_refused(hidden):
 def test_learning_without_training_is_refused():
     with pytest.raises(InputError, match=r"crfbench\.training\.train"):
         SLR.from_curves(np.eye(2), 1, "forward")
+
+
+def header_of(path):
+    """Read the JSON at the start of a safetensors file."""
+    content = path.read_bytes()
+    return json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
 
 
 @pytest.fixture
@@ -162,6 +183,9 @@ def test_foreign_weights_are_refused(tmp_path, saved):
     save_file({"a": np.zeros(3, np.float32)}, foreign)
     with pytest.raises(FormatError, match="format None; use a weights file of format 'crfbench-slr-1'"):
         SLR.load(foreign)
+    save_file({"a": np.zeros(3, np.float32)}, foreign, metadata={"format": "pt"})
+    with pytest.raises(FormatError, match="format 'pt'; use a weights file of format 'crfbench-slr-1'"):
+        SLR.load(foreign)
     text = tmp_path / "text.safetensors"
     text.write_text("not weights at all, but long enough to look like a header")
     with pytest.raises(FormatError, match=r"text\.safetensors is damaged or no safetensors file"):
@@ -170,6 +194,30 @@ def test_foreign_weights_are_refused(tmp_path, saved):
         SLR.load(tmp_path / "gone.safetensors")
     with pytest.raises(InputError, match="no shipped weights 'ldl-2-inverse'; there are: aae-1-forward"):
         SLR.load("ldl", 2)
+
+
+def test_weights_are_held_and_saved_in_single_precision(saved, tmp_path):
+    weights, card = load_weights(saved[1], 1, "inverse")
+    double = {name: array.astype(np.float64) for name, array in weights.items()}
+    assert {array.dtype for array in SLR.from_weights(double, card).weights_.values()} == {np.dtype(np.float32)}
+    save_weights(tmp_path / "double.safetensors", double, card)
+    again = SLR.load(tmp_path / "double.safetensors").weights_
+    assert all(again[name].dtype == np.float32 and np.array_equal(again[name], weights[name]) for name in weights)
+
+
+@pytest.mark.parametrize("lacking", ["hidden", "n_latent", "direction", "monotone", "latents"])
+def test_weights_that_lack_something_are_refused(saved, tmp_path, lacking):
+    weights, card = load_weights(saved[1], 1, "inverse")
+    parts = [{name: part for name, part in each.items() if name != lacking} for each in (weights, card)]
+    save_weights(tmp_path / "lacking.safetensors", *parts)
+    with pytest.raises(FormatError, match=r"lacks latents or one of hidden, n_latent, direction, monotone; use"):
+        SLR.load(tmp_path / "lacking.safetensors")
+
+
+def test_the_order_of_weights_and_card_changes_neither_text_nor_checksum(saved, tmp_path):
+    weights, card = load_weights(saved[1], 1, "inverse")
+    save_weights(tmp_path / "w", *(dict(reversed(each.items())) for each in (weights, card)))
+    assert header_of(tmp_path / "w")["__metadata__"] == header_of(saved[1])["__metadata__"]
 
 
 def test_weights_of_another_network_are_refused(saved):
@@ -182,7 +230,5 @@ def test_weights_of_another_network_are_refused(saved):
 
 def test_the_card_is_plain_json(saved):
     _, path = saved
-    header = path.read_bytes()
-    size = int.from_bytes(header[:8], "little")
-    card = json.loads(json.loads(header[8 : 8 + size])["__metadata__"]["card"])
+    card = json.loads(header_of(path)["__metadata__"]["card"])
     assert card["hidden"] == [6, 4]

@@ -69,7 +69,6 @@ class Likelihood:
     """
 
     def __init__(self, observations: Observations, noise: Noise) -> None:
-        self.noise = noise
         counts = observations.counts
         self.variance = noise.relative(observations.brightness) ** 2
         self.precision = counts * np.minimum(observations.weights / self.variance, _SHARPEST)

@@ -39,7 +39,9 @@ class Gamma(ResponseModel):
         gamma = self._params(params)
         if (gamma <= 0).any():
             raise InputError(f"gamma={gamma.min():g} is no response; use an exponent above 0")
-        return np.exp(gamma * _LOG_GRID)
+        curves = np.exp(gamma * _LOG_GRID)
+        curves[..., 0] = 0.0  # also for exponents so small that the least logarithm is not low enough
+        return curves
 
     def jacobian(self, params: ArrayLike) -> Array:
         """d f / d gamma = x^gamma log x, and 0 at x = 0."""
