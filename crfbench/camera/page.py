@@ -31,7 +31,8 @@ padding: 0 1rem } img { max-width: 100%; height: auto; background: #fff }
 img[src^="data:image/svg"] { filter: invert(.94) hue-rotate(180deg) brightness(1.2) } }
 table { border-collapse: collapse }
 th, td { text-align: left; padding: .2rem .8rem .2rem 0; vertical-align: top; overflow-wrap: anywhere }
-</style></head><body>
+caption { text-align: left; font-weight: 600 }
+</style></head><body><main>
 <h1>$title</h1>
 <table><caption>The calibration</caption><tbody>$facts</tbody></table>
 <h2>Warnings</h2>
@@ -46,7 +47,7 @@ $note
 $charts
 <h2>Left out</h2>
 $problems
-</body></html>
+</main></body></html>
 """
 )
 
@@ -128,6 +129,7 @@ def _picture(ax: Axes, kind: str = "svg") -> str:
     content = io.BytesIO()
     figure = ax.get_figure(root=True)
     assert figure is not None  # noqa: S101  an Axes just drawn always lies in a figure
-    figure.savefig(content, format=kind, dpi=110, metadata={"Date": None} if kind == "svg" else None)
+    metadata = {"Date": None} if kind == "svg" else None
+    figure.savefig(content, format=kind, bbox_inches="tight", dpi=110, metadata=metadata)
     media = "image/svg+xml" if kind == "svg" else f"image/{kind}"
     return f"data:{media};base64,{base64.b64encode(content.getvalue()).decode()}"
