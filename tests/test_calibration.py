@@ -198,6 +198,26 @@ def test_the_least_is_found_within_the_table_and_beyond_either_end():
     assert np.allclose(found[:, 0], targets)
 
 
+def test_a_narrow_valley_between_two_rows_is_found_beside_a_wide_one():
+    model, table = ready("Gamma", 1)
+    z = table.free[:, 0]
+    step = z[1] - z[0]
+    deep, wide = z[300] + step / 2, z[100]
+    steep = 0.105 * (2 / step) ** 2
+
+    def bowls(free):
+        """Return the cost, a little above the wide bowl at all rows, its half second derivative and half gradient."""
+        near = np.abs(free - deep) < step
+        bend, at = np.where(near, steep, 1e-3), np.where(near, deep, wide)
+        return np.where(near, 0.9, 1.0) + bend * (free - at) ** 2, bend, bend * (free - at)
+
+    class Bowls:
+        def objective(self, model, owner):
+            return lambda free, rows: (bowls(free[:, 0])[0], bowls(free)[1][:, :, None], bowls(free)[2])
+
+    assert minimise(Bowls(), model, table, bowls(z)[0][None]) == pytest.approx(deep)
+
+
 def test_parts_of_a_large_batch_change_nothing(middlebury, monkeypatch):
     model, table = ready("SLR-ldl", 1)
     observations = Observations(middlebury[:6], REFERENCE_IRRADIANCE)
@@ -303,6 +323,14 @@ def test_doubtful_observations_are_warned_of():
     assert "at the edge of what the prior expects" in "".join(found.warnings[0])
     mixed = np.array([[0.2, 0.3, 0.4, 0.5], [0.5, 0.4, 0.3, 0.6]])  # two photographs that contradict each other
     assert "times as widely as their noise lets expect" in warned(mixed, reference=[1.0, 1.1, 1.2, 1.3])
+
+
+def test_of_a_batch_only_the_set_that_says_little_is_told_so():
+    brightness = np.array([[[0.499, 0.5, 0.5005, 0.501]], [[0.2, 0.4, 0.6, 0.8]]])
+    reference = np.array([[1.0, 1.002, 1.003, 1.004], *(brightness[1] ** 2)])
+    first, second = calibrate(load_model("Gamma"), Observations(brightness, reference), "posterior").warnings
+    assert first == ("the observations say little: the curve is mostly what the model expects beforehand",)
+    assert second == ()
 
 
 def said(brightness, reference, model="Gamma", **given):
