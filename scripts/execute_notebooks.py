@@ -15,11 +15,7 @@ def execute(path: Path) -> None:
     """Run one notebook in place; a failing cell leaves the file as it was."""
     notebook = nbformat.read(path, as_version=4)
     NotebookClient(
-        notebook,
-        timeout=300,
-        kernel_name="python3",
-        resources={"metadata": {"path": path.parent}},
-        extra_arguments=["--InlineBackend.figure_formats=retina"],  # sharp when zoomed to 200 %
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": path.parent}}
     ).execute()
     # Widget state repeats the widget's code and data; times and versions change with every run.
     notebook.metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
