@@ -26,7 +26,7 @@ from crfbench.tables.recorded import load_recorded, to_rows
 from crfbench.tables.stability import CAMERA, SIZES, stability_curves, stability_table
 from crfbench.tables.stability import ROWS as STABILITY_ROWS
 
-_HISTORIES = ("ldl", "auc", "aae", "vae", "baseline")  # in the order of the paper's figure
+_HISTORIES = ("LDL", "AUC", "AAE", "VAE", "baseline")  # in the order of the paper's figure
 
 
 _SHOWN = (("SLR", "ldl", 1), ("SLR", "monotone", 1), ("Polynomial", "", 3), ("GGCM", "", 3), ("EMoR", "", 3))
@@ -114,7 +114,7 @@ def _figures(responses: Responses, tables: dict[str, pd.DataFrame]) -> Iterator[
         yield "spread", plots.plot_spread({"DoRF": responses.curves, "OpenCRF": opencrf.curves})
     yield "patches", plots.plot_patches(patch_intensity(load_patches()))
     yield "comparison", comparison(responses)
-    yield "latent_epochs", plots.plot_latent_epochs({name: load_history(name) for name in _HISTORIES})[0]
+    yield "latent_epochs", plots.plot_latent_epochs({name: load_history(name.lower()) for name in _HISTORIES})[0]
     yield "search", plots.plot_search(load_recorded("search_dorf")[0])
     for title, table in tables.items():
         yield f"fitting_{title.split(',')[0]}", plots.plot_fitting(table)
