@@ -44,7 +44,7 @@ def open_notebook(browser, lab: Lab) -> Iterator[Callable]:
         page = browser.new_page(viewport={"width": width, "height": 900})
         pages.append(page)
         page.goto(lab.page(name))
-        page.wait_for_selector(".jp-CodeCell", timeout=30_000)
+        page.wait_for_selector(".jp-CodeCell", timeout=120_000)
         page.wait_for_function(f"() => {KERNEL}?.status === 'idle'")
         page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
         return page

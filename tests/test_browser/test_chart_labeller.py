@@ -44,7 +44,7 @@ def opened(open_notebook: Callable, lab):
     page.errors = []
     page.on("pageerror", lambda error: page.errors.append(str(error)))
     page.on("console", lambda message: page.errors.append(message.text) if message.type == "error" else None)
-    page.wait_for_selector(".crf[aria-busy=false]", timeout=30_000)
+    page.wait_for_selector(".crf[aria-busy=false]", timeout=120_000)
     return page
 
 
@@ -236,7 +236,7 @@ def test_what_is_saved_is_shown_by_a_fresh_labeller(page, run_python: Callable, 
     expected = [place(page, number) for number in range(1, 5)]
     run_python(page, "labeller.save('labels.json', overwrite=True)")
     fresh = open_notebook("fresh.ipynb", [*CELLS[:1], "labeller.load('labels.json')\nlabeller"])
-    fresh.wait_for_selector(".crf[aria-busy=false]", timeout=30_000)
+    fresh.wait_for_selector(".crf[aria-busy=false]", timeout=120_000)
     assert [place(fresh, number) for number in range(1, 5)] == expected
     assert fresh.get_by_role("status").inner_text() == "This photograph is labelled; 1 of 3 labelled."
 

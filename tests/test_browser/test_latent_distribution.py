@@ -30,7 +30,7 @@ PANEL = ".crf-training"
 @pytest.fixture(scope="module")
 def opened(open_notebook: Callable):
     page = open_notebook("distribution.ipynb", CELLS)
-    page.wait_for_selector(PANEL, timeout=30_000)
+    page.wait_for_selector(PANEL, timeout=120_000)
     return page
 
 

@@ -59,7 +59,7 @@ def opened(open_notebook: Callable, lab):
         model.save(lab.folder / f"{name}.safetensors")
     (lab.folder / "models.json").write_text(str(list(MODELS)).replace("'", '"'), encoding="utf-8")
     page = open_notebook("latent.ipynb", CELLS)
-    page.wait_for_selector(".crf", timeout=30_000)
+    page.wait_for_selector(".crf", timeout=120_000)
     return page
 
 

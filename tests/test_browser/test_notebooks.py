@@ -29,11 +29,11 @@ def page(browser):
 def test_runs_from_a_fresh_kernel(notebook, lab, page):
     shutil.copyfile(notebook, lab.folder / notebook.name)
     page.goto(lab.page(notebook.name))
-    page.wait_for_selector(".jp-CodeCell", timeout=30_000)
-    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'", timeout=30_000)
+    page.wait_for_selector(".jp-CodeCell", timeout=120_000)
+    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'", timeout=120_000)
     page.evaluate("jupyterapp.commands.execute('notebook:clear-all-cell-outputs')")
     page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
-    page.wait_for_function(DONE, timeout=90_000)
+    page.wait_for_function(DONE, timeout=240_000)
     assert (
         page.locator(
             "[data-mime-type='application/vnd.jupyter.error'], [data-mime-type='application/vnd.jupyter.stderr']"

@@ -25,7 +25,7 @@ explorer = SearchExplorer(table)""",
 @pytest.fixture(scope="module")
 def opened(open_notebook: Callable):
     page = open_notebook("search.ipynb", CELLS)
-    page.wait_for_selector(".crf", timeout=30_000)
+    page.wait_for_selector(".crf", timeout=120_000)
     return page
 
 
