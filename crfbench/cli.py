@@ -5,7 +5,7 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -297,9 +297,15 @@ def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit status 2."""
     try:
         app()
-    except (CrfbenchError, OSError) as error:
-        typer.echo(f"crfbench: {error}", err=True)
-        sys.exit(2)
+    except CrfbenchError as error:
+        _stop(str(error))
+    except OSError as error:
+        _stop(f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error))
+
+
+def _stop(sentence: str) -> NoReturn:
+    typer.echo(f"crfbench: {sentence}", err=True)
+    sys.exit(2)
 
 
 if __name__ == "__main__":

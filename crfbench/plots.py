@@ -46,6 +46,10 @@ def plot_curves(
     curves : array_like, shape (n, 1024)
     kinds : sequence of str, length n, optional
         Family of each curve; the legend counts them.
+    direction : {"forward", "inverse"}
+        Of the curves.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax, batch = _axes(ax), np.atleast_2d(curves)
     labels = np.asarray(kinds if kinds is not None else [""] * len(batch))
@@ -79,6 +83,8 @@ def plot_patches(patches: pd.DataFrame, ax: Axes | None = None) -> Axes:
     ----------
     patches : DataFrame
         With columns camera, jpeg and raw (intensities in [0, 1]).
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 7.0)
     for i, (camera, rows) in enumerate(patches.groupby("camera")):
@@ -114,6 +120,8 @@ def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) ->
         Values in [0, 1].
     corners : array_like, shape (4, 2)
         In chart order, see `crfbench.charts.geometry`.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     picture, boxes = np.asarray(pixels), chart_boxes(np.asarray(corners))
     ax = _axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
@@ -209,6 +217,8 @@ def plot_patch_counts(
         How many patches each curve was calibrated with.
     jpeg, raw : array_like, shape (m,)
         Brightness and irradiance measured on all patches.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax)
     ax.scatter(np.asarray(jpeg), np.asarray(raw), s=6, color="0.6", label="measured (JPEG, RAW)")
@@ -226,6 +236,8 @@ def plot_camera_errors(errors: pd.DataFrame, ax: Axes | None = None) -> Axes:
     ----------
     errors : DataFrame
         Cameras by models, from `crfbench.tables.calibration.error_frame`.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 8.0, 5.0)
     sorted_errors = errors.sort_values(errors.columns[0])
@@ -246,6 +258,8 @@ def plot_coverage(tables: Mapping[str, pd.DataFrame], ax: Axes | None = None) ->
     ----------
     tables : mapping
         From a label to a table by method "posterior" of `crfbench.tables.calibration.calibration_table`.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 8.0, 5.0)
     ax.axvspan(0.85, 0.95, color="0.9", label="calibrated: 0.85 to 0.95")
@@ -270,11 +284,14 @@ def plot_against_paper(
     Parameters
     ----------
     names : sequence of str, length n
-    ours, printed : array_like, shape (n,)
+    ours : array_like, shape (n,)
     bounds : array_like, shape (2, n)
         Low and high ends of ours.
+    printed : array_like, shape (n,)
     label : str
         What the figures are, with their unit.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 7.0, 1.0 + 0.28 * len(names))
     place, centre = np.arange(len(names)), np.asarray(ours)
@@ -299,6 +316,10 @@ def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes
     ----------
     table : DataFrame
         From `crfbench.tables.fitting.fitting_table`.
+    direction : {"forward", "inverse"}
+        Which part of the table.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 7.5, 5.0)
     rows = table[table["direction"] == direction]
@@ -430,6 +451,8 @@ def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = Non
         Of how many most accurate candidates the least complex is chosen.
     spread : array_like, shape (n,), optional
         Half the height of the bars of the M best, in units of MSE; by default the standard deviation over the folds.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax, table = _axes(ax, 7.0), mark_choice(table, m)
     bars = table["mse_sd"] if spread is None else np.asarray(spread)

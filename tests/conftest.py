@@ -8,8 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from crfbench.datasets import Responses, load_dorf, registry
+
+# How long an example takes says nothing about the code on a busy machine.
+settings.register_profile("crfbench", deadline=None)
+settings.load_profile("crfbench")
 
 # spectral-film-lut has colour-science look into every loaded module as it loads, which fails where one of them loads
 # others when looked into; so it is loaded here, before the tests load more. It also changes how NumPy prints: undone.

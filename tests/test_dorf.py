@@ -208,7 +208,7 @@ def test_absent(tmp_path, monkeypatch):
 
 
 def test_unknown_set():
-    with pytest.raises(InputError, match="'kodak' is not known; use 'auto', 'dorf' or 'opencrf'"):
+    with pytest.raises(InputError, match="'kodak' is not known; use one of auto, dorf, opencrf"):
         load_responses("kodak")
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,13 +107,16 @@ class Calibration:
         """Draw one curve, its bands, and the observations where the reference and their own scale put them."""
         from crfbench.plots import plot_calibration
 
-        if not -len(self) <= index < len(self):
-            raise InputError(f"index={index} does not fit; there are {len(self)} calibrations")
-        return plot_calibration(self, index, ax)
+        return plot_calibration(self, self._check_index(index), ax)
+
+    def _check_index(self, index: object) -> int:
+        if isinstance(index, Integral) and -len(self) <= int(index) < len(self):
+            return int(index)
+        raise InputError(f"index={index!r} does not fit; use a whole number, there are {len(self)} calibrations")
 
     def dots(self, index: int = 0) -> tuple[Array, Array]:
         """Return brightness and aligned irradiance of the measured patches of one set, each of shape (m,)."""
-        counts = self.observations.counts[index]
+        counts = self.observations.counts[self._check_index(index)]
         brightness = self.observations.brightness[index][counts]
         irradiance = np.interp(brightness, GRID, self.curves[index])
         return brightness, irradiance * np.exp(-self.residuals[index][counts])

@@ -14,6 +14,7 @@ from crfbench.charts import Exif, Problem, chart_table, load_labels, pair_photog
 from crfbench.charts.pairs import Pair
 from crfbench.charts.reading import IMAGE_SUFFIXES
 from crfbench.charts.table import Measured
+from crfbench.checks import as_numbers, check_choice
 from crfbench.curves import repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel, load_model
@@ -184,9 +185,7 @@ def chosen_model(name: str) -> ResponseModel:
     InputError
         For a name that is not in `CHOICES`.
     """
-    if name not in CHOICES:
-        raise InputError(f"model={name!r} is not known; use one of {', '.join(CHOICES)}")
-    return load_model(*CHOICES[name], "inverse")
+    return load_model(*CHOICES[check_choice("model", name, CHOICES)], "inverse")
 
 
 def make_passport(calibration: Calibration, exif: Exif, files: Sequence[Path], created: str = "") -> Passport:
@@ -222,7 +221,7 @@ def _files(pairs: Sequence[Pair]) -> list[Path]:
 
 
 def _stops(exposures: Sequence[float], names: list[str]) -> np.ndarray:
-    times = np.asarray(exposures, dtype=np.float64)
+    times = as_numbers("exposures", exposures)
     if times.shape != (len(names),) or not (np.isfinite(times).all() and (times > 0).all()):
         raise InputError(
             f"exposures={list(exposures)} do not fit the photographs {', '.join(names)}; give one time above 0 for each"

@@ -17,7 +17,14 @@ CROP_SHARE = 0.02
 
 @dataclass(frozen=True)
 class Pair:
-    """One photograph: its name, its JPEG (or PNG, TIFF) and its RAW file, None where there is none."""
+    """One photograph: its name, its JPEG (or PNG, TIFF) and its RAW file, None where there is none.
+
+    Parameters
+    ----------
+    name : str
+    jpeg : Path
+    raw : Path, optional
+    """
 
     name: str
     jpeg: Path
@@ -26,14 +33,26 @@ class Pair:
 
 @dataclass(frozen=True)
 class Problem:
-    """A file that was left out, and why, in one sentence."""
+    """A file that was left out, and why, in one sentence.
+
+    Parameters
+    ----------
+    path : Path
+    reason : str
+    """
 
     path: Path
     reason: str
 
 
 class Pairing(NamedTuple):
-    """The pairs, sorted by name, and what was left out."""
+    """The pairs, sorted by name, and what was left out.
+
+    Parameters
+    ----------
+    pairs : list of Pair
+    problems : list of Problem
+    """
 
     pairs: list[Pair]
     problems: list[Problem]

@@ -38,7 +38,14 @@ _ZIP_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, No
 
 
 class DorfText(NamedTuple):
-    """The records of the official text: n names, n scale labels, irradiance and brightness (n, 1024)."""
+    """The records of the official text: n names, n scale labels, irradiance and brightness (n, 1024).
+
+    Parameters
+    ----------
+    names : tuple of str, length n
+    scale_labels : tuple of str, length n
+    irradiance, brightness : ndarray, shape (n, 1024)
+    """
 
     names: tuple[str, ...]
     scale_labels: tuple[str, ...]

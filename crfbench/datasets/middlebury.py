@@ -69,7 +69,13 @@ class PatchArrays(NamedTuple):
 
 
 class Box(NamedTuple):
-    """A patch box in pixels: left edge, top edge, width, height."""
+    """A patch box in pixels: left edge, top edge, width, height.
+
+    Parameters
+    ----------
+    x, y : int
+    width, height : int
+    """
 
     x: int
     y: int

@@ -47,6 +47,8 @@ def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -
         When the shipped file is damaged.
     """
     check_direction(direction)
+    if not isinstance(name, str):
+        raise InputError(f"name={name!r} is no name of a model; use one such as 'Gamma' or 'SLR-ldl'")
     if name.startswith("SLR-"):
         return SLR.load(name.removeprefix("SLR-"), n_params, direction)
     key = f"{name}-{n_params}-{direction}"

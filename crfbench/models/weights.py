@@ -47,10 +47,19 @@ def load_weights(name: str | Path, n_latent: int, direction: str) -> tuple[dict[
     return read_weights(shipped("data/weights") / f"{stem}.safetensors")
 
 
-def read_weights(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read one weights file; see `load_weights`."""
+def read_weights(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read one weights file; see `load_weights`.
+
+    Raises
+    ------
+    MissingDataError
+        For a path that leads nowhere.
+    FormatError
+        For a file that is damaged, altered or of another kind.
+    """
     from safetensors import SafetensorError, safe_open
 
+    path = Path(path)
     if not path.is_file():
         raise MissingDataError(f"there is no weights file {path}; use one that SLR.save wrote")
     try:
@@ -64,7 +73,7 @@ def read_weights(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return weights, _checked_card(path.name, metadata, weights)
 
 
-def save_weights(path: Path, weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> None:
+def save_weights(path: str | Path, weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> None:
     """Write weights and card with their checksum, complete or not at all."""
     from safetensors.numpy import save
 
