@@ -30,13 +30,15 @@ def as_numbers(name: str, values: object) -> NDArray[np.float64]:
     InputError
         For anything that is not a table of real numbers.
     """
+    wrong = "rows of unequal length"
     try:
         array = np.asarray(values)
+        wrong = "something that is no number"
         if values is not None and array.dtype.kind in "biufO":  # objects may be numbers: fractions, large integers
             return np.asarray(array, dtype=np.float64)
-        wrong = {"U": "text", "S": "text", "c": "complex numbers"}.get(array.dtype.kind, "no numbers")
+        wrong = {"U": "text", "S": "text", "c": "complex numbers"}.get(array.dtype.kind, wrong)
     except (TypeError, ValueError, OverflowError, RuntimeError):
-        wrong = "rows of unequal length or something that is no number"
+        pass
     raise InputError(f"{name}={reprlib.repr(values)} holds {wrong}; use real numbers")
 
 

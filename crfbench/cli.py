@@ -2,6 +2,7 @@
 
 import datetime
 import json
+import reprlib
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -185,7 +186,9 @@ def _times(exposures: str) -> list[float] | None:
     try:
         return [float(part) for part in exposures.split(",")]
     except ValueError:
-        raise InputError(f"exposures={exposures!r} are no times; use exif, or numbers such as 1,2,4,8") from None
+        raise InputError(
+            f"exposures={reprlib.repr(exposures)} are no times; use exif, or numbers such as 1,2,4,8"
+        ) from None
 
 
 @app.command()

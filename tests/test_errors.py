@@ -128,6 +128,13 @@ def test_what_does_not_fit_gets_one_sentence(call, value):
     assert "\n" not in sentence.rstrip()
 
 
+def test_a_selection_that_does_not_fit():
+    responses = crfbench.load_responses("opencrf")
+    for which in ([151], [0.5], "a", None, [True], [[0], [1, 2]]):
+        with pytest.raises(InputError, match=r"which=.* use a mask of 151 or whole numbers below 151"):
+            responses.select(which)
+
+
 @pytest.mark.parametrize("check", [metrics.nonmonotone, metrics.out_of_range, metrics.off_endpoints])
 def test_of_a_curve_with_nan_nothing_is_said(check):
     with pytest.raises(InputError, match="holds NaN"):

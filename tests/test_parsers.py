@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from safetensors.numpy import save
 
 from crfbench import cli
 from crfbench.charts import load_labels, save_labels
 from crfbench.datasets import dorf, emor_basis, middlebury, opencrf
 from crfbench.errors import CrfbenchError
 from crfbench.history import History
-from crfbench.models import SLR, ready
+from crfbench.models import SLR, ready, weights
 from crfbench.models.weights import read_weights
 from crfbench.passport.formats import FORMATS, decode
 from crfbench.passport.passport import Passport
@@ -130,6 +131,15 @@ def test_any_bytes_give_a_value_or_an_error_of_ours(folder, name, data):
     except CrfbenchError as error:
         assert 10 < len(str(error)) < 400  # noqa: PT017
         assert "\n" not in str(error).strip()  # noqa: PT017
+
+
+@pytest.mark.parametrize("card", ["", "no JSON", "[" * 5000, "[1]", "{}"])
+def test_weights_with_a_card_of_another_kind_are_refused(folder, card):
+    arrays = {"latents": np.zeros((2, 1), np.float32)}
+    metadata = {"format": weights.FORMAT, "card": card, "sha256": weights._checksum(card, arrays)}
+    (folder / "card.safetensors").write_bytes(save(arrays, metadata))
+    with pytest.raises(CrfbenchError, match="lacks latents or one of"):
+        read_weights(folder / "card.safetensors")
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04 cut"])

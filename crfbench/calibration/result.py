@@ -112,7 +112,7 @@ class Calibration:
     def _check_index(self, index: object) -> int:
         if isinstance(index, Integral) and -len(self) <= int(index) < len(self):
             return int(index)
-        raise InputError(f"index={index!r} does not fit; use a whole number, there are {len(self)} calibrations")
+        raise InputError(f"index={index!r} does not fit; use a whole number from 0 to {len(self) - 1}")
 
     def dots(self, index: int = 0) -> tuple[Array, Array]:
         """Return brightness and aligned irradiance of the measured patches of one set, each of shape (m,)."""

@@ -96,7 +96,8 @@ class Responses:
         """
         try:
             rows = np.atleast_1d(np.arange(len(self))[np.asarray(which)]).tolist()
-        except IndexError as error:
-            raise InputError(f"which={which!r} does not select from {len(self)} curves: {error}") from None
+        except (IndexError, ValueError):
+            n = len(self)
+            raise InputError(f"which={which!r} does not fit; use a mask of {n} or whole numbers below {n}") from None
         columns = {column.name: tuple(getattr(self, column.name)[row] for row in rows) for column in fields(self)[2:]}
         return Responses(self.dataset, self.curves[rows], **columns)

@@ -97,7 +97,16 @@ def _checked_card(name: str, metadata: Mapping[str, str], weights: Mapping[str, 
     text = metadata.get("card", "")
     if metadata.get("sha256") != _checksum(text, weights):
         raise FormatError(f"{name} was altered after it was written (its checksum differs); fetch or train it again")
-    card: dict[str, Any] = json.loads(text)
+    card = _parsed(text)
     if not all(isinstance(card.get(key), kind) for key, kind in _NEEDED.items()) or "latents" not in weights:
         raise FormatError(f"{name} lacks latents or one of {', '.join(_NEEDED)}; use a file that SLR.save wrote")
     return card
+
+
+def _parsed(card: str) -> dict[str, Any]:
+    """Return the card, empty where it is no JSON object."""
+    try:
+        content = json.loads(card)
+    except (ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}

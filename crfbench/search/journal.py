@@ -74,8 +74,8 @@ def _parse(path: Path, lines: list[bytes]) -> tuple[dict[str, Any], list[Outcome
     try:
         first, *rows = [json.loads(line) for line in lines]
         return dict(first["settings"]), [Outcome.from_row(row) for row in rows]
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise FormatError(f"{path.name} is no journal of a search ({error!r}); use another path") from None
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        raise FormatError(f"{path.name} is no journal of a search; use another path") from None
 
 
 def _check_same(path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
