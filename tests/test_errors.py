@@ -10,6 +10,8 @@ import crfbench
 from crfbench import curves, metrics
 from crfbench.calibration.likelihood import Noise
 from crfbench.calibration.table import decode_table
+from crfbench.camera import calibrate_chart, calibrate_exposures
+from crfbench.charts import pair_photographs
 from crfbench.charts.geometry import as_corners
 from crfbench.curves import GRID
 from crfbench.datasets.folds import grouped_folds, near_copies
@@ -175,6 +177,12 @@ def test_numbers_of_any_kind_are_taken():
 
 
 def test_paths_may_be_text(tmp_path):
+    assert pair_photographs(str(tmp_path)).pairs == []
+    for call in (calibrate_chart, calibrate_exposures):
+        with pytest.raises(InputError, match="there is no nowhere; use a folder"):
+            call("nowhere")
+        with pytest.raises(InputError, match="there is no photograph"):
+            call(str(tmp_path))
     path = str(tmp_path / "a.safetensors")
     SLR((3,)).save(path)
     assert SLR.load(path).hidden == (3,)

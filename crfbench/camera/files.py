@@ -72,7 +72,7 @@ class CameraCalibration:
 
 
 def calibrate_chart(
-    source: Path | Iterable[Path],
+    source: str | Path | Iterable[Path],
     labels: Path | None = None,
     exposures: Sequence[float] | None = None,
     model: str | None = None,
@@ -127,7 +127,7 @@ def calibrate_chart(
 
 
 def calibrate_exposures(
-    source: Path | Iterable[Path],
+    source: str | Path | Iterable[Path],
     exposures: Sequence[float] | None = None,
     model: str | None = None,
     created: str = "",
@@ -157,7 +157,7 @@ def calibrate_exposures(
     """
     ready = chosen_model(model or _DEFAULT_FREE)
     _check_there(source)
-    paths = sorted(source.iterdir()) if isinstance(source, Path) else sorted(Path(path) for path in source)
+    paths = sorted(Path(source).iterdir() if isinstance(source, str | Path) else map(Path, source))
     images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")]
     series = read_series(images, "exif" if exposures is None else list(exposures))
     if len(series.images) < 2:
@@ -229,9 +229,10 @@ def _stops(exposures: Sequence[float], names: list[str]) -> np.ndarray:
     return np.log2(times)
 
 
-def _check_there(source: Path | Iterable[Path]) -> None:
+def _check_there(source: str | Path | Iterable[Path]) -> None:
     """Raise `InputError` for a path that leads nowhere."""
-    missing = [path for path in ([source] if isinstance(source, Path) else map(Path, source)) if not path.exists()]
+    given = [source] if isinstance(source, str | Path) else source
+    missing = [path for path in map(Path, given) if not path.exists()]
     if missing:
         raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
 

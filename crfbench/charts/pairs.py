@@ -58,7 +58,7 @@ class Pairing(NamedTuple):
     problems: list[Problem]
 
 
-def pair_photographs(source: Path | Iterable[Path]) -> Pairing:
+def pair_photographs(source: str | Path | Iterable[Path]) -> Pairing:
     """Pair RAW files with JPEGs (or PNG, TIFF) of the same name; a bad file is reported, the rest goes on.
 
     Extensions count in either case. Sizes may differ by `CROP_SHARE`. Where there is no RAW file at all, every JPEG
@@ -104,7 +104,7 @@ def check_sizes(jpeg: Path, jpeg_size: tuple[int, int], raw: Path, raw_size: tup
         raise FormatError(f"{sizes} pixels; use the JPEG of the same photograph, neither resized nor turned")
 
 
-def _files(source: Path | Iterable[Path]) -> list[Path]:
+def _files(source: str | Path | Iterable[Path]) -> list[Path]:
     if not isinstance(source, str | Path):
         return [Path(path) for path in source]
     folder = Path(source)
