@@ -2,10 +2,11 @@
 
 import datetime
 import json
+import reprlib
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -189,7 +190,9 @@ def _times(exposures: str) -> list[float] | None:
     try:
         return [float(part) for part in exposures.split(",")]
     except ValueError:
-        raise InputError(f"exposures={exposures!r} are no times; use exif, or numbers such as 1,2,4,8") from None
+        raise InputError(
+            f"exposures={reprlib.repr(exposures)} are no times; use exif, or numbers such as 1,2,4,8"
+        ) from None
 
 
 @app.command()
@@ -301,9 +304,15 @@ def main() -> None:
     """Run the command line; a mistake in the input is one sentence and exit status 2."""
     try:
         app()
-    except (CrfbenchError, OSError) as error:
-        typer.echo(f"crfbench: {error}", err=True)
-        sys.exit(2)
+    except CrfbenchError as error:
+        _stop(str(error))
+    except OSError as error:
+        _stop(f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error))
+
+
+def _stop(sentence: str) -> NoReturn:
+    typer.echo(f"crfbench: {sentence}", err=True)
+    sys.exit(2)
 
 
 if __name__ == "__main__":

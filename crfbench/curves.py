@@ -9,6 +9,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.checks import as_finite, as_numbers, check_number
 from crfbench.errors import InputError
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ def check_direction(direction: str) -> Direction:
 def axis_labels(direction: Direction) -> tuple[str, str]:
     """Return the x and y axis labels of a curve of that direction."""
     labels = ("irradiance (relative, 0 to 1)", "brightness (relative, 0 to 1)")
-    return labels if direction == "forward" else labels[::-1]
+    return labels if check_direction(direction) == "forward" else labels[::-1]
 
 
 def as_curves(curves: ArrayLike) -> Array:
@@ -51,10 +52,7 @@ def as_curves(curves: ArrayLike) -> Array:
     InputError
         For another shape, no curve at all, or values that are not finite.
     """
-    try:
-        batch = np.atleast_2d(np.asarray(curves, dtype=np.float64))
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"curves of type {type(curves).__name__} are not numbers: {error}") from None
+    batch = np.atleast_2d(as_numbers("curves", curves))
     if batch.ndim != 2 or batch.shape[1] != N_SAMPLES or not len(batch):
         raise InputError(f"curves have shape {np.shape(curves)}; use (1024,) or (n, 1024), resample() makes them")
     if not np.isfinite(batch).all():
@@ -71,7 +69,7 @@ def as_valid_curves(curves: ArrayLike, tolerance: float = 1e-6) -> Array:
     InputError
         As `as_curves`; also for a curve that falls or whose ends are off by more than `tolerance`.
     """
-    batch = as_curves(curves)
+    batch, tolerance = as_curves(curves), check_number("tolerance", tolerance, 0.0)
     drop = -np.diff(batch, axis=1).min(axis=1)
     if drop.max() > tolerance:
         row = int(np.argmax(drop))
@@ -95,8 +93,16 @@ def evaluate(curves: NDArray[np.floating], x: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (..., m)
+
+    Raises
+    ------
+    InputError
+        For curves of another length, positions that are not finite, and shapes that do not fit each other.
     """
-    position = np.clip(np.asarray(x, dtype=np.float64), 0.0, 1.0) * (N_SAMPLES - 1)
+    at = as_finite("x", x)
+    if np.shape(curves)[-1:] != (N_SAMPLES,) or at.ndim not in (1, np.ndim(curves)):
+        raise InputError(f"curves have shape {np.shape(curves)} and x {at.shape}; use (..., 1024) and (m,) or (..., m)")
+    position = np.clip(at, 0.0, 1.0) * (N_SAMPLES - 1)
     left = np.minimum(position.astype(np.intp), N_SAMPLES - 2)
     if left.ndim == 1:
         low, high = curves[..., left], curves[..., left + 1]
@@ -123,11 +129,9 @@ def resample(x: ArrayLike, y: ArrayLike) -> Array:
     InputError
         For unequal lengths, values that are not finite, falling values, or no range at all.
     """
-    positions, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    positions, values = as_finite("x", x), as_finite("y", y)
     if positions.ndim != 1 or positions.shape != values.shape or len(positions) < 2:
         raise InputError(f"x has shape {positions.shape} and y {values.shape}; use two equal rows of 2 or more values")
-    if not (np.isfinite(positions).all() and np.isfinite(values).all()):
-        raise InputError("x or y holds NaN or infinite values; use finite numbers")
     if (np.diff(positions) <= 0).any() or (np.diff(values) < 0).any() or values[0] == values[-1]:
         raise InputError("x must increase strictly and y must rise without falling; sort or repair the samples first")
     unit = (positions - positions[0]) / (positions[-1] - positions[0])

@@ -7,13 +7,24 @@ from pathlib import Path
 from crfbench.errors import InputError
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write `content` to a temporary file beside `path`, then rename it into place."""
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """Write `content` to a temporary file beside `path`, then rename it into place.
+
+    Raises
+    ------
+    OSError
+        Naming `path`, where it cannot be written.
+    """
+    path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        _replace(path, content)
     except OSError as error:  # names the file that was asked for, not the temporary one
         raise type(error)(error.errno, error.strerror, str(path)) from None
+
+
+def _replace(path: Path, content: bytes) -> None:
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)

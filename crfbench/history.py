@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from crfbench.checks import check_count
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import write_atomically
 from crfbench.resources import shipped
@@ -32,6 +33,11 @@ class History:
         The encoder's latents of all `n` training curves, in order.
     probes : ndarray, shape (e, 9, 65)
         The decoded curves of the latents `PROBES` (the other latents at 0) at the samples `PROBE_SAMPLES`.
+
+    Raises
+    ------
+    InputError
+        For columns of unequal length, or latents or probes of another shape.
     """
 
     constraint: str
@@ -56,10 +62,11 @@ class History:
 
     def thin(self, count: int) -> "History":
         """Return about `count` epochs, close together at the start where most happens, and the last."""
+        check_count("count", count)
         steps = np.geomspace(1, len(self), min(count, len(self))).round().astype(int) - 1
         return self.select(np.unique(np.append(steps, len(self) - 1)))
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz``, complete or not at all; latents and probes in half precision."""
         arrays: dict[str, Any] = {f"loss:{name}": values.astype(np.float32) for name, values in self.losses.items()}
         arrays |= {"latents": self.latents.astype(np.float16), "probes": self.probes.astype(np.float16)}
@@ -68,7 +75,7 @@ class History:
         write_atomically(path, buffer.getvalue())
 
     @classmethod
-    def load(cls, path: Path) -> "History":
+    def load(cls, path: str | Path) -> "History":
         """Read what `save` wrote.
 
         Raises
@@ -78,6 +85,7 @@ class History:
         FormatError
             For a file that is damaged or no history.
         """
+        path = Path(path)
         if not path.is_file():
             raise MissingDataError(f"there is no history {path}; use one that History.save wrote")
         try:

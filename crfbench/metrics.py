@@ -3,17 +3,53 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from crfbench.checks import as_finite, as_numbers, check_number
 from crfbench.curves import Array
 from crfbench.errors import InputError
 
 
 def mse(a: ArrayLike, b: ArrayLike) -> Array:
-    """Mean squared error over the last axis; shapes broadcast."""
-    return np.mean(np.subtract(a, b, dtype=np.float64) ** 2, axis=-1)
+    """Mean squared error over the last axis; shapes broadcast, and NaN gives NaN.
+
+    Parameters
+    ----------
+    a, b : array_like, shape (..., m)
+
+    Returns
+    -------
+    ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        For what is no number, and shapes that do not fit each other.
+    """
+    x, y = as_numbers("a", a), as_numbers("b", b)
+    try:
+        x, y = np.broadcast_arrays(x, y)
+        if not x.size:
+            raise ValueError
+    except ValueError:
+        raise InputError(f"a has shape {x.shape} and b {y.shape}; use (..., m), which broadcast") from None
+    return np.mean((x - y) ** 2, axis=-1)
 
 
 def rmse(a: ArrayLike, b: ArrayLike) -> Array:
-    """Root-mean-square error over the last axis, the paper's distance; shapes broadcast."""
+    """Root-mean-square error over the last axis, the paper's distance; as `mse`.
+
+    Parameters
+    ----------
+    a, b : array_like, shape (..., m)
+
+    Returns
+    -------
+    ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        For what is no number, and shapes that do not fit each other.
+    """
     return np.sqrt(mse(a, b))
 
 
@@ -30,9 +66,9 @@ def summarise(values: ArrayLike) -> dict[str, float]:
     InputError
         For no values, or values that are not finite.
     """
-    v = np.asarray(values, dtype=np.float64)
-    if v.ndim != 1 or not v.size or not np.isfinite(v).all():
-        raise InputError(f"values of shape {v.shape} cannot be summarised; use a row of one or more finite numbers")
+    v = as_finite("values", values)
+    if v.ndim != 1 or not v.size:
+        raise InputError(f"values of shape {v.shape} cannot be summarised; use a row of one or more numbers")
     return {
         "mean": float(v.mean()),
         "median": float(np.median(v)),
@@ -48,25 +84,35 @@ def total_variance(curves: ArrayLike) -> float:
     Parameters
     ----------
     curves : array_like, shape (n, m)
+
+    Raises
+    ------
+    InputError
+        For another shape, no curve, or values that are not finite.
     """
-    return float(np.var(np.asarray(curves, dtype=np.float64), axis=0).sum())
+    return float(np.var(_batch(curves), axis=0).sum())
 
 
 def nonmonotone(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
-    """Say of each curve whether it falls anywhere by more than `tolerance`; shape (n,), bool."""
-    return np.asarray((np.diff(_rows(curves)) < -tolerance).any(axis=1))
+    """Say of each curve (n, m) whether it falls anywhere by more than `tolerance`; shape (n,), bool."""
+    return np.asarray((np.diff(_batch(curves), axis=-1) < -check_number("tolerance", tolerance, 0.0)).any(axis=-1))
 
 
 def out_of_range(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
-    """Say of each curve whether it leaves [0, 1] by more than `tolerance`; shape (n,), bool."""
-    batch = _rows(curves)
-    return np.asarray(((batch < -tolerance) | (batch > 1.0 + tolerance)).any(axis=1))
+    """Say of each curve (n, m) whether it leaves [0, 1] by more than `tolerance`; shape (n,), bool."""
+    batch, tolerance = _batch(curves), check_number("tolerance", tolerance, 0.0)
+    return np.asarray(((batch < -tolerance) | (batch > 1.0 + tolerance)).any(axis=-1))
 
 
 def off_endpoints(curves: ArrayLike, tolerance: float = 1e-6) -> np.ndarray:
-    """Say of each curve whether it misses (0, 0) or (1, 1) by more than `tolerance`; shape (n,), bool."""
-    return np.asarray(np.abs(_rows(curves)[:, [0, -1]] - (0.0, 1.0)).max(axis=1) > tolerance)
+    """Say of each curve (n, m) whether it misses (0, 0) or (1, 1) by more than `tolerance`; shape (n,), bool."""
+    batch, tolerance = _batch(curves), check_number("tolerance", tolerance, 0.0)
+    return np.asarray(np.abs(batch[:, [0, -1]] - (0.0, 1.0)).max(axis=-1) > tolerance)
 
 
-def _rows(curves: ArrayLike) -> Array:
-    return np.atleast_2d(np.asarray(curves, dtype=np.float64))
+def _batch(curves: ArrayLike) -> Array:
+    """Return curves of any length as (n, m); of NaN nothing can be said, so it is refused."""
+    batch = np.atleast_2d(as_finite("curves", curves))
+    if batch.ndim != 2 or not batch.size:
+        raise InputError(f"curves have shape {np.shape(curves)}; use (n, m) or (m,)")
+    return batch

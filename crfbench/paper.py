@@ -54,7 +54,15 @@ SIGNIFICANT_RMSE = 0.005
 
 
 class Statement(NamedTuple):
-    """Something the running text says: in our words, in which section, and the figure as printed, if there is one."""
+    """Something the running text says: in our words, in which section, and the figure as printed, if there is one.
+
+    Parameters
+    ----------
+    claim : str
+    where : str
+    figure : str
+        Empty for claims in words.
+    """
 
     claim: str
     where: str

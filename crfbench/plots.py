@@ -48,6 +48,10 @@ def plot_curves(
     curves : array_like, shape (n, 1024)
     kinds : sequence of str, length n, optional
         Family of each curve; the legend counts them. Where there are several, each has its median, a dash pattern.
+    direction : {"forward", "inverse"}
+        Of the curves.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax, batch = _axes(ax), np.atleast_2d(curves)
     labels = np.asarray(kinds if kinds is not None else [""] * len(batch))
@@ -85,6 +89,8 @@ def plot_patches(patches: pd.DataFrame, ax: Axes | None = None) -> Axes:
     ----------
     patches : DataFrame
         With columns camera, jpeg and raw (intensities in [0, 1]).
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 7.0)
     for i, (camera, rows) in enumerate(patches.groupby("camera")):
@@ -120,6 +126,8 @@ def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) ->
         Values in [0, 1].
     corners : array_like, shape (4, 2)
         In chart order, see `crfbench.charts.geometry`.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     picture, boxes = np.asarray(pixels), chart_boxes(np.asarray(corners))
     ax = _axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
@@ -194,15 +202,13 @@ def plot_calibration(
     InputError
         For an index that the result does not have.
     """
-    if not -len(result) <= index < len(result):
-        raise InputError(f"index={index} does not fit; there are {len(result)} calibrations")
+    brightness, irradiance = result.dots(index)
     ax = _axes(ax)
     for level, shade in zip(sorted(result.bands, reverse=True), (0.15, 0.3), strict=False):
         low, high = result.bands[level]
         label = f"{100 * level:.0f} % of the posterior"
         ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
     ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{result.model.name}, {result.method}")
-    brightness, irradiance = result.dots(index)
     size = 10 if len(brightness) <= _MOST_DOTS else 2
     ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
     for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, _STYLES[1:], strict=False):
@@ -224,6 +230,8 @@ def plot_patch_counts(
         How many patches each curve was calibrated with.
     jpeg, raw : array_like, shape (m,)
         Brightness and irradiance measured on all patches.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax)
     ax.scatter(np.asarray(jpeg), np.asarray(raw), s=6, color="0.6", label="measured (JPEG, RAW)")
@@ -241,6 +249,8 @@ def plot_camera_errors(errors: pd.DataFrame, ax: Axes | None = None) -> Axes:
     ----------
     errors : DataFrame
         Cameras by models, from `crfbench.tables.calibration.error_frame`.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 8.0, 5.0)
     sorted_errors = errors.sort_values(errors.columns[0])
@@ -261,6 +271,8 @@ def plot_coverage(tables: Mapping[str, pd.DataFrame], ax: Axes | None = None) ->
     ----------
     tables : mapping
         From a label to a table by method "posterior" of `crfbench.tables.calibration.calibration_table`.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 8.0, 5.0)
     ax.axvspan(0.85, 0.95, color="0.9", label="calibrated: 0.85 to 0.95")
@@ -285,11 +297,14 @@ def plot_against_paper(
     Parameters
     ----------
     names : sequence of str, length n
-    ours, printed : array_like, shape (n,)
+    ours : array_like, shape (n,)
     bounds : array_like, shape (2, n)
         Low and high ends of ours.
+    printed : array_like, shape (n,)
     label : str
         What the figures are, with their unit.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 7.0, 1.0 + 0.28 * len(names))
     place, centre = np.arange(len(names)), np.asarray(ours)
@@ -316,6 +331,10 @@ def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes
     ----------
     table : DataFrame
         From `crfbench.tables.fitting.fitting_table`.
+    direction : {"forward", "inverse"}
+        Which part of the table.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax = _axes(ax, 7.5, 5.0)
     rows = table[table["direction"] == direction]
@@ -471,6 +490,8 @@ def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = Non
         Of how many most accurate candidates the least complex is chosen.
     spread : array_like, shape (n,), optional
         Half the height of the bars of the M best, in units of MSE; by default the standard deviation over the folds.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     ax, table = _axes(ax, 7.0), mark_choice(table, m)
     bars = table["mse_sd"] if spread is None else np.asarray(spread)

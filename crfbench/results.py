@@ -40,6 +40,7 @@ def build_results(folder: Path) -> Iterator[Path]:
     folder : Path
         Made if it is not there; files of the same names are replaced.
     """
+    folder.mkdir(parents=True, exist_ok=True)  # before minutes of work
     mpl.use("agg")
     tables = fitting_tables()
     for title, table in tables.items():
@@ -81,6 +82,8 @@ def stability_figure(
     camera : str
     method : str
         Of `crfbench.calibration.calibrate`.
+    ax : Axes, optional
+        By default those of a new figure.
     """
     seen = patch_intensity(load_patches()).query("camera == @camera")
     curves = stability_curves(camera, row, method)

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from tqdm.auto import tqdm
 
+from crfbench.checks import check_choice, check_count, check_number, check_seed
 from crfbench.constraints import CONSTRAINTS, Constraint
 from crfbench.curves import N_SAMPLES, Direction, as_valid_curves
 from crfbench.errors import InputError
@@ -65,14 +66,31 @@ class Recipe:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.constraint not in CONSTRAINTS:
-            raise InputError(f"constraint={self.constraint!r} is not known; use one of {', '.join(CONSTRAINTS)}")
-        if self.epochs < 1 or not 0.0 <= self.dropout < 1.0 or self.learning_rate <= 0 or (self.batch_size or 2) < 2:
-            raise InputError(f"{self} cannot be trained; use epochs from 1, dropout in [0, 1), batches of 2 or more")
+        check_choice("constraint", self.constraint, CONSTRAINTS)
+        check_count("n_latent", self.n_latent)
+        check_count("epochs", self.epochs)
+        for name, least in (("batch_size", 2), ("patience", 1)):
+            if getattr(self, name) is not None:
+                check_count(name, getattr(self, name), least)
+        check_number("smoothness", self.smoothness, 0.0)
+        check_number("dropout", self.dropout, 0.0, 0.99)
+        check_number("learning_rate", self.learning_rate, 1e-9)
+        check_seed(self.seed)
 
 
 class Autoencoder(nn.Module):
-    """The network in PyTorch, with the names and shapes of `crfbench.models.slr.SLR`'s weights."""
+    """The network in PyTorch, with the names and shapes of `crfbench.models.slr.SLR`'s weights.
+
+    Parameters
+    ----------
+    model : SLR
+        Whose widths it has; its weights are not taken.
+    codes_per_latent : int
+    dropout : float
+        Share of hidden neurons left out at random.
+    generator : torch.Generator, optional
+        Of the neurons left out.
+    """
 
     def __init__(
         self, model: SLR, codes_per_latent: int = 1, dropout: float = 0.0, generator: torch.Generator | None = None

@@ -7,7 +7,6 @@ import inspect
 import io
 import re
 import sys
-import tomllib
 import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -20,6 +19,7 @@ import matplotlib.pyplot as plt
 import nbformat
 import pdoc
 from bs4 import BeautifulSoup, Tag
+from draw_floors import first_sentence, floors_of_the_package
 from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 from nbformat import NotebookNode
@@ -43,6 +43,7 @@ PAGES = {
     "report.html": "Report",
     "own-model.html": "Your own model",
     "floors.html": "Floors",
+    "contributing.html": "Contributing",
     "api/index.html": "API reference",
 }
 #: Functions whose figures hold pictures, which stay as they are on a dark page; line drawings are turned dark.
@@ -57,6 +58,7 @@ def build(folder: Path) -> None:
     write_page(folder, "index.html", index_body())
     write_page(folder, "own-model.html", markdown_to_html((ROOT / "docs/own-model.md").read_text(encoding="utf-8")))
     write_page(folder, "floors.html", floors_body())
+    write_page(folder, "contributing.html", contributing_body())
     write_reference(folder / "api")
     write_page(folder, "api/index.html", reference_body())
     write_page(folder, "report.html", report.report_body())
@@ -256,18 +258,24 @@ STILL = {"ModelExplorer": _fits_picture}
 
 def floors_body() -> str:
     """Draw the floors that import-linter checks, the highest first, each module with what it says of itself."""
-    floors = "".join(f"<li>{''.join(map(_box, floor))}</li>" for floor in floors_of_the_package())
     return (
         "<h1>The floors</h1>\n<p>A module imports only from lower floors, and modules side by side do not import each "
-        f'other. import-linter checks both at every test run.</p>\n<ol class="floors" reversed>{floors}</ol>'
+        f"other. import-linter checks both at every test run.</p>\n{floors_list()}"
     )
 
 
-def floors_of_the_package() -> list[list[str]]:
-    """Return the layers of pyproject.toml, the highest first, each with its modules."""
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    (contract,) = settings["tool"]["importlinter"]["contracts"]
-    return [[name.strip() for name in layer.split("|")] for layer in contract["layers"]]
+def floors_list() -> str:
+    """Return the floors as a list, the highest first, each module a box with a link to its page."""
+    floors = "".join(f"<li>{''.join(map(_box, floor))}</li>" for floor in floors_of_the_package())
+    return f'<ol class="floors" reversed>{floors}</ol>'
+
+
+def contributing_body() -> str:
+    """Return CONTRIBUTING.md, with the floors as they stand on their own page and links to pages of the site."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    text = re.sub(r"!\[[^]]+\]\(docs/floors\.svg\)\n", f"{floors_list()}\n", text)
+    text = text.replace("](docs/own-model.md)", "](own-model.html)")
+    return markdown_to_html(re.sub(r"\[([^]]+)\]\((?:data|scripts|tests)/[^)]*\)", r"\1", text))
 
 
 def _box(name: str) -> str:
@@ -276,8 +284,7 @@ def _box(name: str) -> str:
 
 def _says(module: str) -> str:
     """Return the first sentence of a module's docstring as HTML."""
-    first = html.escape((import_module(module).__doc__ or "").split("\n\n")[0].replace("\n", " "))
-    return re.sub("``(.+?)``", r"<code>\1</code>", first)
+    return re.sub("``(.+?)``", r"<code>\1</code>", html.escape(first_sentence(module)))
 
 
 def modules() -> list[str]:

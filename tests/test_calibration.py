@@ -269,7 +269,7 @@ def test_calibrations_that_cannot_be_are_refused(change, message):
 def test_tables_have_the_rows_asked_for_and_no_fewer_than_16(name, k, default):
     model = load_model(name, k)
     for rows in (15, 0, -1):
-        with pytest.raises(InputError, match=rf"rows={rows} .*16 or more"):
+        with pytest.raises(InputError, match=f"rows={rows} does not fit; use a whole number from 16"):
             decode_table(model, rows=rows)
     for rows, expected in ((16, 16), (700, 700), (None, default)):
         table = decode_table(model, rows)
@@ -504,7 +504,7 @@ def random_observations(draw):
 noises = st.builds(Noise, st.sampled_from([1e-5, 0.02, 1.0]), st.sampled_from([1e-4, 0.1, 10.0]))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     random_observations(), st.sampled_from([*MODELS, ("SLR-open", 1)]), st.sampled_from(METHODS), noises, st.booleans()
 )

@@ -57,12 +57,14 @@ def test_data_lists_every_set(run):
     ("args", "words"),
     [
         (["table", "fitting", "--data", "dorf"], "run 'crfbench fetch dorf'"),
-        (["table", "fitting", "--data", "nonsense"], "which='nonsense' is not known; use 'auto', 'dorf' or 'opencrf'"),
+        (["table", "fitting", "--data", "nonsense"], "which='nonsense' is not known; use one of auto, dorf, opencrf"),
         (["table", "fitting", "--direction", "up"], "direction='up' is not known"),
         (["fetch", "nonsense"], "nonsense"),
         (["train"], "no model is named; use --all or some of: baseline-1-forward"),
         (["train", "LDL"], "'LDL' is no shipped model"),
-        (["tables", "--out", os.devnull], os.devnull),
+        (["tables", "--out", os.devnull], f"{os.devnull} cannot be used: "),
+        (["report", "--out", "."], ". cannot be used: "),
+        (["search", "--seed", "-1"], "seed=-1 does not fit; use a whole number from 0"),
     ],
 )
 def test_mistakes_are_one_sentence_and_status_2(run, args, words):

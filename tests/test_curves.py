@@ -104,7 +104,7 @@ def test_repair_always_gives_valid_curves_and_changes_none_twice(batch):
         (np.zeros(10), r"\(10,\).*\(n, 1024\)"),
         (np.zeros((0, 1024)), r"\(0, 1024\)"),
         (np.zeros((1, 1, 1024)), r"\(1, 1, 1024\)"),
-        (["a"], "not numbers"),
+        (["a"], "holds text; use real numbers"),
         (np.where(c.GRID > 0.5, np.nan, 0.1), "curve 0 holds NaN"),
     ],
 )

@@ -80,7 +80,7 @@ def test_round_trip(form):
     np.testing.assert_array_equal(y, CURVES)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     seed=st.integers(0, 2**32 - 1),
     names=st.lists(st.text("abcXYZ019-_ ", min_size=1).map(str.strip).filter(bool), min_size=1, max_size=4),
@@ -126,7 +126,7 @@ def test_bad_text(text, message):
 PIECES = st.sampled_from([record(), "I =\n", "B =\n", "film\n", "\r", "1e400 ", "0.5 ", "=", record()[:9000], "\x00"])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.one_of(st.text(), st.lists(PIECES, max_size=8).map("".join)))
 def test_any_text_parses_or_is_refused(text):
     try:
@@ -138,7 +138,7 @@ def test_any_text_parses_or_is_refused(text):
     assert (np.diff(parsed.brightness) >= 0).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     position=st.integers(0, len(record()) - 1),
     length=st.integers(0, 40),
@@ -208,7 +208,7 @@ def test_absent(tmp_path, monkeypatch):
 
 
 def test_unknown_set():
-    with pytest.raises(InputError, match="'kodak' is not known; use 'auto', 'dorf' or 'opencrf'"):
+    with pytest.raises(InputError, match="'kodak' is not known; use one of auto, dorf, opencrf"):
         load_responses("kodak")
 
 
@@ -261,7 +261,7 @@ def test_unusual_packing_is_refused(folder):
         dorf.load_dorf()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_any_damage_to_the_zip_is_refused_or_harmless(tmp_path_factory, data):
     path = write_zip(tmp_path_factory.mktemp("zip") / "dorfCurves.zip", "some text", compress_type=zipfile.ZIP_DEFLATED)

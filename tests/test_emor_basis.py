@@ -65,7 +65,7 @@ def test_bad_text(text, message):
 PIECES = st.sampled_from([FORWARD, block("E =", GRID), "f0 =\n", "h(1)=\n", "1e400 ", "nan ", "=", "\n", "\x00"])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.one_of(st.text(), st.lists(PIECES, max_size=6).map("".join)))
 def test_any_text_parses_or_is_refused(text):
     try:
@@ -77,7 +77,7 @@ def test_any_text_parses_or_is_refused(text):
     assert np.isfinite(components).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, len(FORWARD) - 1), st.integers(0, 40), st.text("0123456789.e+-() \nhf=x", max_size=5))
 def test_any_damage_parses_or_is_refused(position, length, patch):
     with suppress(FormatError):

@@ -29,3 +29,13 @@ def test_a_file_that_is_there_is_kept_unless_told(tmp_path):
     assert path.read_bytes() == b"one"
     write_new(path, b"two", overwrite=True)
     assert path.read_bytes() == b"two"
+
+
+def test_what_cannot_be_written_is_named_and_leaves_no_trace(tmp_path):
+    for path in (tmp_path / "folder", tmp_path / "file" / "a.txt"):
+        (tmp_path / "folder").mkdir(exist_ok=True)
+        (tmp_path / "file").touch()
+        with pytest.raises(OSError, match=path.relative_to(tmp_path).parts[0]) as caught:
+            write_atomically(path, b"new")
+        assert "->" not in str(caught.value)
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]

@@ -212,7 +212,7 @@ def test_front_end_needs_nothing_from_elsewhere() -> None:
     [
         (lambda e: setattr(e, "latent", (1.0, 2.0)), r"latent=\(1.0, 2.0\) does not fit; use 1 finite numbers"),
         (lambda e: setattr(e, "latent", np.nan), "latent=nan does not fit"),
-        (lambda e: setattr(e, "latent", "far"), "latent='far' is no number; use 1"),
+        (lambda e: setattr(e, "latent", "far"), "latent='far' holds text"),
         (lambda e: setattr(e, "model_name", "ldl"), "model_name='ldl' is not here; use one of ldl-1-inverse, ldl-1-f"),
         (lambda e: setattr(e, "model_name", ["ldl-1-inverse"]), "is not here"),
         (lambda e: setattr(e, "model", SLR()), r"model=SLR\(.*\) is not among those given; use one of ldl-1-inverse"),

@@ -60,9 +60,9 @@ def test_views_and_extremes():
 @pytest.mark.parametrize(
     ("image", "response", "dtype", "message"),
     [
-        (np.zeros((2, 2), np.int32), RGB[0], np.float32, "int32 or not finite; use uint8, uint16"),
+        (np.zeros((2, 2), np.int32), RGB[0], np.float32, "pixels are int32; use uint8, uint16"),
         (np.zeros((2, 2), bool), RGB[0], np.float32, "bool"),
-        (np.full((2, 2), np.nan), RGB[0], np.float32, "not finite"),
+        (np.full((2, 2), np.nan), RGB[0], np.float32, "holds NaN"),
         (np.zeros((2, 2, 4), np.uint8), RGB[0], np.float32, r"shape \(2, 2, 4\); use \(h, w\)"),
         (np.zeros((0, 2), np.uint8), RGB[0], np.float32, r"shape \(0, 2\)"),
         (np.zeros((2, 2), np.uint8), RGB, np.float32, "three curves do not fit a grey image"),

@@ -150,7 +150,7 @@ def errors_by_size(kind, direction, curves):
     return np.array([mse(m.decode(m.fit(curves)), curves) for m in models_by_size(kind, direction)])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(response_batches(), st.sampled_from([Polynomial, GGCM, EMoR]), st.sampled_from(["forward", "inverse"]))
 def test_one_more_parameter_never_fits_worse(curves, kind, direction):
     errors = errors_by_size(kind, direction, curves if direction == "forward" else invert(curves))

@@ -29,7 +29,7 @@ def with_nan(values):
     [
         (np.empty((2, 0)), {"reference": []}, r"shape \(2, 0\).*\(images, patches\)"),
         ([0.2, 0.4], {"reference": [1, 2]}, r"shape \(2,\).*\(images, patches\)"),
-        ([["dark", "light"]], {"reference": [1, 2]}, "brightness is not a table of numbers"),
+        ([["dark", "light"]], {"reference": [1, 2]}, "brightness=.* holds text"),
         (BRIGHTNESS[:, :1], {"reference": [1.0]}, "observations 0: 1; use 2 or more"),
         (np.full((2, 3), 0.4), {"reference": REFERENCE}, "observations 0 have brightness 0.4; use patches that differ"),
         (np.stack([BRIGHTNESS, 0 * BRIGHTNESS + 1]), {"reference": REFERENCE}, "observations 1: 0; use 2 or more"),

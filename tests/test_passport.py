@@ -77,7 +77,7 @@ def same(a: Passport, b: Passport) -> bool:
 
 
 @given(passports)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_json_round_trip_is_exact(passport):
     assert same(decode("passport", FORMATS["passport"].write(passport)), passport)
 
@@ -120,7 +120,7 @@ def test_a_channel_is_a_passport_of_its_own():
         ({"direction": "up"}, "direction='up'"),
         ({"curves": RGB[:2]}, "2 curves do not fit a passport; use 1"),
         ({"curves": RGB[:, ::-1]}, "falls"),
-        ({"curves": [[10**400] * 1024]}, "are not numbers"),
+        ({"curves": [[10**400] * 1024]}, "something that is no number"),
         ({"low": RGB}, "lacks one of low, high and level"),
         ({"low": RGB, "high": RGB - 0.1, "level": 0.9}, "use low <= high"),
         ({"low": RGB[:1], "high": RGB[:1], "level": 0.9}, "as many as curves"),
@@ -130,8 +130,8 @@ def test_a_channel_is_a_passport_of_its_own():
         ({"iso": 0}, "iso=0 is no sensitivity"),
         ({"iso": True}, "iso=True"),
         ({"params": [[1.0]]}, r"params of shape \(1, 1\) do not fit 3 curves"),
-        ({"params": [["a"]] * 3}, "params holds something that is no number"),
-        ({"params": [[np.nan]] * 3}, "params holds NaN"),
+        ({"params": [["a"]] * 3}, "params=.* holds text"),
+        ({"params": [[np.nan]] * 3}, "params of shape .* holds NaN"),
         ({"data_sha256": "abc"}, "data_sha256='abc'"),
         ({"valid_range": (0.5, 0.5)}, "use two rising"),
         ({"valid_range": 0.5}, "use two rising"),
@@ -212,7 +212,7 @@ def test_every_real_response_survives(name):
 
 @pytest.mark.parametrize("name", FORMATS)
 @given(data=st.binary(max_size=400) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_bytes_of_any_kind_give_a_format_error(name, data):
     with pytest.raises(FormatError):
         decode(name, data)
@@ -220,7 +220,7 @@ def test_bytes_of_any_kind_give_a_format_error(name, data):
 
 @pytest.mark.parametrize("name", FORMATS)
 @given(st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_a_damaged_file_gives_a_passport_or_a_format_error(name, data):
     content = FORMATS[name].write(ONE)
     near_head = st.integers(0, min(200, len(content))) | st.integers(0, len(content))

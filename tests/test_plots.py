@@ -138,7 +138,7 @@ def test_calibration_draws_what_is_put_beside_it_and_residuals_leave_clipped_pat
     brightness, reference = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 1.0]]), np.array([0.05, 0.15, 0.4])
     result = calibrate(load_model("Gamma", 1, "inverse"), Observations(brightness, reference, clipped=clipped), "map")
     assert np.allclose(drawn(plots.plot_calibration(result, beside={"truth": GRID**2}))[-1], GRID**2)
-    with pytest.raises(InputError, match="index=1 does not fit; there are 1 calibrations"):
+    with pytest.raises(InputError, match="index=1 does not fit; use a whole number from 0 to 0"):
         plots.plot_calibration(result, 1)
     shown = plots.plot_residuals(result).get_lines()[-1]
     np.testing.assert_allclose(shown.get_xdata(), brightness[~clipped])

@@ -179,7 +179,7 @@ def random_images(size, stops, dtype, channels, seed):
 
 
 @given(SERIES, st.integers(-5, 5))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_merge_keeps_order_unit_and_pixels_apart(case, shift):
     size, stops, *_ = case
     images = random_images(*case)
@@ -198,7 +198,7 @@ def test_merge_keeps_order_unit_and_pixels_apart(case, shift):
 
 
 @given(SERIES)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_sampling_gives_observations_or_one_clear_error(case):
     try:
         seen = sample_series(random_images(*case), case[1])
@@ -240,7 +240,7 @@ STEEP = [np.full((20, 20, 3), level, np.uint8) for level in (60, 120)]
         (STEEP, [0, 1, 2], "do not fit 2 images"),
         (STEEP, [0, np.nan], "do not fit 2 images"),
         (STEEP, [0, 1000], "span 1000 stops"),
-        (STEEP, "exif", "are no numbers"),
+        (STEEP, "exif", "exposures='exif' holds text"),
     ],
 )
 def test_what_cannot_be_sampled(images, stops, message):
@@ -249,7 +249,7 @@ def test_what_cannot_be_sampled(images, stops, message):
 
 
 def test_too_few_samples_are_refused():
-    with pytest.raises(InputError, match="n=31 samples"):
+    with pytest.raises(InputError, match="n=31 does not fit; use a whole number from 32"):
         sample_series(STEEP, [0, 1], n=31)
 
 
@@ -380,5 +380,5 @@ def test_read_series_keeps_every_level_of_16_bits(tmp_path):
 
 @pytest.mark.parametrize("exposures", [[1.0], [1.0, 0.0], [1.0, np.inf], "guess", ["a", "b"]])
 def test_times_that_do_not_fit(exposures):
-    with pytest.raises(InputError, match="do not fit"):
+    with pytest.raises(InputError, match=r"do not fit|holds text"):
         read_series(["1.jpg", "2.jpg"], exposures)

@@ -7,6 +7,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import build_site
+import draw_floors
 import matplotlib.pyplot as plt
 import nbformat
 import numpy as np
@@ -177,7 +178,7 @@ def test_widgets_live_or_say_what_they_need(site, pages):
 
 
 def test_floors_are_those_of_pyproject(site, pages):
-    floors = build_site.floors_of_the_package()
+    floors = draw_floors.floors_of_the_package()
     assert [floors[0], floors[-1]] == [["cli"], ["errors"]]
     boxes = [link["href"] for link in pages[site / "floors.html"].all("a") if "api/crfbench/" in link["href"]]
     assert boxes == [f"api/crfbench/{name}.html" for floor in floors for name in floor]

@@ -87,7 +87,7 @@ def test_corners_are_those_of_the_patches():
 
 @pytest.mark.parametrize("change", [{"size": (31, 64)}, {"exposure": 0.0}, {"illuminant": (1.0, 0.0, 1.0)}])
 def test_impossible_scenes(change):
-    with pytest.raises(InputError, match="cannot be rendered; use"):
+    with pytest.raises(InputError, match="does not fit; use"):
         render_chart(GAMMA, **change)
 
 

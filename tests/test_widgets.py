@@ -161,7 +161,7 @@ def test_front_end_needs_nothing_from_elsewhere() -> None:
         (lambda e: setattr(e, "params", (1.0,)), r"params of shape \(1,\) do not fit GGCM.*use \(2,\)"),
         (lambda e: setattr(e, "params", [(1.0, 2.0)]), "params of shape"),
         (lambda e: setattr(e, "params", (1.0, np.nan)), "NaN"),
-        (lambda e: setattr(e, "params", "ab"), "are not numbers; use 2"),
+        (lambda e: setattr(e, "params", "ab"), "params='ab' holds text"),
         (lambda e: setattr(e, "show_valid", "yes"), "use True or False"),
     ],
 )

@@ -12,6 +12,7 @@ from crfbench.calibration.optimise import descend, minimise
 from crfbench.calibration.posterior import Posterior
 from crfbench.calibration.result import LEVELS, Calibration
 from crfbench.calibration.table import Table, decode_table
+from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import Array
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
@@ -69,8 +70,11 @@ def calibrate(
     """
     _check(model, observations, method)
     _check_table(model, table)
+    check_count("starts", starts)
+    check_seed(seed)
+    noise = Noise() if noise is None else noise
+    _check_kind("noise", noise, Noise, "Noise()")
     began = time.perf_counter()
-    noise = noise or Noise()
     scale = belief = None
     if method == "paper":
         free = descend(AlignedLoss(observations, offset), model, len(observations), starts, seed)
@@ -88,21 +92,24 @@ def calibrate(
 
 
 def _check(model: ResponseModel, observations: Observations, method: str) -> None:
-    for name, value, kind in (("model", model, ResponseModel), ("observations", observations, Observations)):
-        if not isinstance(value, kind):
-            made = "load_model(name)" if kind is ResponseModel else "Observations(brightness, reference)"
-            raise InputError(f"{name} is a {type(value).__name__}; use what {made} gives")
-    if method not in METHODS:
-        raise InputError(f"method={method!r} is not known; use one of {', '.join(METHODS)}")
+    _check_kind("model", model, ResponseModel, "load_model(name)")
+    _check_kind("observations", observations, Observations, "Observations(brightness, reference)")
+    check_choice("method", method, METHODS)
     if model.direction != "inverse":
         raise InputError(f"{model!r} maps irradiance to brightness; calibrate with a model of direction 'inverse'")
     if method == "grid" and model.n_params > 1:
         raise InputError(f"{model!r} has {model.n_params} parameters and 'grid' takes one; use 'lm'")
 
 
+def _check_kind(name: str, value: object, kind: type, made: str) -> None:
+    if not isinstance(value, kind):
+        raise InputError(f"{name} is a {type(value).__name__}; use what {made} gives")
+
+
 def _check_table(model: ResponseModel, table: Table | None) -> None:
     """Refuse a table of another model, which would give wrong curves without a word."""
     if table is not None:
+        _check_kind("table", table, Table, "decode_table(model)")
         fits = table.params.shape[1] == model.n_params
         if not (fits and np.allclose(table.curves[:1], model.decode_float32(table.params[:1]), atol=1e-4)):
             raise InputError(f"the table was not decoded from {model!r}; use decode_table(model)")

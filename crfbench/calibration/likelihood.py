@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crfbench.calibration.observations import Observations
+from crfbench.checks import check_number
 from crfbench.curves import Array
-from crfbench.errors import InputError
 
 #: Irradiance below which the logarithm is held.
 DARKEST = 1e-4
@@ -51,8 +51,7 @@ class Noise:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not _LEAST <= value <= 1 / _LEAST:  # False for NaN
-                raise InputError(f"noise {name}={value!r} does not fit; use a number from {_LEAST:g} to {1 / _LEAST:g}")
+            check_number(f"noise {name}", value, _LEAST, 1 / _LEAST)
 
     def relative(self, brightness: Array) -> Array:
         """Return the relative standard deviation of the irradiance that the brightness of a patch tells."""

@@ -6,6 +6,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.checks import as_finite
 from crfbench.curves import Array
 from crfbench.errors import InputError
 
@@ -60,7 +61,7 @@ class Observations:
         reference_error: ArrayLike = REFERENCE_ERROR,
         absolute: bool = False,
     ) -> None:
-        b = _finite("brightness", brightness)
+        b = as_finite("brightness", brightness)
         if b.ndim not in (2, 3) or not b.size:
             raise InputError(f"brightness has shape {b.shape}; use (images, patches) or (n, images, patches), none 0")
         if b.min() < 0 or b.max() > 1:
@@ -68,9 +69,9 @@ class Observations:
         self.brightness: Array = b[None] if b.ndim == 2 else b
         b = self.brightness
         n, e, p = b.shape
-        beyond = (b <= 0) | (b >= SATURATED) if clipped is None else np.asarray(clipped, dtype=bool)
+        beyond = (b <= 0) | (b >= SATURATED) if clipped is None else as_finite("clipped", clipped) != 0
         self.clipped: NDArray[np.bool_] = _fit("clipped", beyond, (n, e, p))
-        self.weights: Array = _fit("weights", _finite("weights", 1.0 if weights is None else weights), (n, e, p))
+        self.weights: Array = _fit("weights", as_finite("weights", 1.0 if weights is None else weights), (n, e, p))
         if self.weights.min() < 0 or self.weights.max() > _MOST:
             raise InputError(f"weights run from {self.weights.min():g} to {self.weights.max():g}; use 0 to {_MOST:g}")
         self.reference = None if reference is None else _positive("reference", reference, (n, p))
@@ -101,19 +102,39 @@ class Observations:
         **others
             Further parameters of `Observations`.
 
+        Raises
+        ------
+        InputError
+            For another shape, and as for `Observations`.
+
         Notes
         -----
         `colour_error` is added to `reference_error`.
         """
-        channels = _finite("rgb", rgb)
+        channels = as_finite("rgb", rgb)
         if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
             raise InputError(f"rgb has shape {channels.shape}; use (images, patches, 3) or (n, images, patches, 3)")
         error = np.hypot(REFERENCE_ERROR, colour_error(channels))
         return cls(channels.mean(axis=-1), reference, **{"reference_error": error, **others})
 
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
-        """Keep some patches, by index from 0."""
-        chosen = np.asarray(patches, dtype=np.intp)
+        """Keep some patches, by index from 0.
+
+        Raises
+        ------
+        InputError
+            For an index that is not there, and as for `Observations`.
+        """
+        chosen = np.asarray(patches)
+        p = self.brightness.shape[-1]
+        if (
+            chosen.ndim != 1
+            or chosen.dtype.kind not in "iu"
+            or not chosen.size
+            or chosen.min() < 0
+            or chosen.max() >= p
+        ):
+            raise InputError(f"patches={patches!r} do not fit; use one or more whole numbers from 0 to {p - 1}")
         reference = None if self.reference is None else self.reference[:, chosen]
         return type(self)(
             self.brightness[..., chosen],
@@ -159,18 +180,8 @@ def colour_error(rgb: Array) -> Array:
     return _GAMMA * (_GAMMA - 1) / 2 * colour_spread(rgb) ** 2
 
 
-def _finite(name: str, values: ArrayLike) -> Array:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} is not a table of numbers: {error}") from None
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} of shape {array.shape} holds NaN or infinite values; use finite numbers")
-    return array
-
-
 def _positive(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
-    array = _finite(name, values)
+    array = as_finite(name, values)
     if array.size and not 1 / _EXTREME <= array.min() <= array.max() <= _EXTREME:
         low, high = array.min(), array.max()
         raise InputError(f"{name} runs from {low:g} to {high:g}; use values above 0, {1 / _EXTREME:g} to {_EXTREME:g}")
@@ -178,7 +189,7 @@ def _positive(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
 
 
 def _stops(values: ArrayLike, shape: tuple[int, int]) -> Array:
-    array = _finite("exposures", values)
+    array = as_finite("exposures", values)
     if array.size and np.ptp(array) > _STOPS:
         raise InputError(f"exposures span {np.ptp(array):g} stops; use stops, the base-2 logarithm of exposure")
     return _fit("exposures", array, shape)

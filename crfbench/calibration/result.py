@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ from crfbench.calibration.bands import Belief
 from crfbench.calibration.likelihood import Likelihood, Noise
 from crfbench.calibration.observations import Observations
 from crfbench.curves import GRID, Array, evaluate, invert, repair
+from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 
 if TYPE_CHECKING:
@@ -101,8 +103,23 @@ class Calibration:
         return frame.assign(warnings=["; ".join(each) for each in self.warnings])
 
     def dots(self, index: int = 0) -> tuple[Array, Array]:
-        """Return brightness and aligned irradiance of the measured patches of one set, each of shape (m,)."""
-        counts = self.observations.counts[index]
+        """Return brightness and aligned irradiance of the measured patches of one set, each of shape (m,).
+
+        Parameters
+        ----------
+        index : int
+
+        Raises
+        ------
+        InputError
+            For an index that there is not.
+        """
+        counts = self.observations.counts[self._check_index(index)]
         brightness = self.observations.brightness[index][counts]
         irradiance = np.interp(brightness, GRID, self.curves[index])
         return brightness, irradiance * np.exp(-self.residuals[index][counts])
+
+    def _check_index(self, index: object) -> int:
+        if isinstance(index, Integral) and -len(self) <= int(index) < len(self):
+            return int(index)
+        raise InputError(f"index={index!r} does not fit; use a whole number from 0 to {len(self) - 1}")

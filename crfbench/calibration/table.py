@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from crfbench.checks import check_count, check_seed
 from crfbench.curves import N_SAMPLES, Array
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
@@ -77,6 +78,8 @@ def learned_prior(model: ResponseModel) -> Prior:
     InputError
         When it has none.
     """
+    if not isinstance(model, ResponseModel):
+        raise InputError(f"model is a {type(model).__name__}; use what load_model(name) gives")
     if model.prior_ is None:
         raise InputError(f"{model!r} has no prior; give it one with learn_prior(curves)")
     return model.prior_
@@ -100,8 +103,9 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
         When the model has no prior, or for too few rows.
     """
     prior = learned_prior(model)
-    if rows is not None and rows < _FEWEST:
-        raise InputError(f"rows={rows} make no table; use {_FEWEST} or more")
+    if rows is not None:
+        check_count("rows", rows, _FEWEST)
+    check_seed(seed)
     if model.n_params == 1:
         mean, sd = prior.mean[0], np.sqrt(prior.covariance[0, 0])
         reach = max(_REACH * sd, _REACH)

@@ -14,6 +14,7 @@ from crfbench.charts import Exif, Problem, chart_table, load_labels, pair_photog
 from crfbench.charts.pairs import Pair
 from crfbench.charts.reading import IMAGE_SUFFIXES
 from crfbench.charts.table import Measured
+from crfbench.checks import as_numbers, check_choice
 from crfbench.curves import repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel, load_model
@@ -71,7 +72,7 @@ class CameraCalibration:
 
 
 def calibrate_chart(
-    source: Path | Iterable[Path],
+    source: str | Path | Iterable[Path],
     labels: Path | None = None,
     exposures: Sequence[float] | None = None,
     model: str | None = None,
@@ -126,7 +127,7 @@ def calibrate_chart(
 
 
 def calibrate_exposures(
-    source: Path | Iterable[Path],
+    source: str | Path | Iterable[Path],
     exposures: Sequence[float] | None = None,
     model: str | None = None,
     created: str = "",
@@ -156,7 +157,7 @@ def calibrate_exposures(
     """
     ready = chosen_model(model or _DEFAULT_FREE)
     _check_there(source)
-    paths = sorted(source.iterdir()) if isinstance(source, Path) else sorted(Path(path) for path in source)
+    paths = sorted(Path(source).iterdir() if isinstance(source, str | Path) else map(Path, source))
     images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")]
     series = read_series(images, "exif" if exposures is None else list(exposures))
     if len(series.images) < 2:
@@ -184,9 +185,7 @@ def chosen_model(name: str) -> ResponseModel:
     InputError
         For a name that is not in `CHOICES`.
     """
-    if name not in CHOICES:
-        raise InputError(f"model={name!r} is not known; use one of {', '.join(CHOICES)}")
-    return load_model(*CHOICES[name], "inverse")
+    return load_model(*CHOICES[check_choice("model", name, CHOICES)], "inverse")
 
 
 def make_passport(calibration: Calibration, exif: Exif, files: Sequence[Path], created: str = "") -> Passport:
@@ -222,7 +221,7 @@ def _files(pairs: Sequence[Pair]) -> list[Path]:
 
 
 def _stops(exposures: Sequence[float], names: list[str]) -> np.ndarray:
-    times = np.asarray(exposures, dtype=np.float64)
+    times = as_numbers("exposures", exposures)
     if times.shape != (len(names),) or not (np.isfinite(times).all() and (times > 0).all()):
         raise InputError(
             f"exposures={list(exposures)} do not fit the photographs {', '.join(names)}; give one time above 0 for each"
@@ -230,9 +229,10 @@ def _stops(exposures: Sequence[float], names: list[str]) -> np.ndarray:
     return np.log2(times)
 
 
-def _check_there(source: Path | Iterable[Path]) -> None:
+def _check_there(source: str | Path | Iterable[Path]) -> None:
     """Raise `InputError` for a path that leads nowhere."""
-    missing = [path for path in ([source] if isinstance(source, Path) else map(Path, source)) if not path.exists()]
+    given = [source] if isinstance(source, str | Path) else source
+    missing = [path for path in map(Path, given) if not path.exists()]
     if missing:
         raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
 

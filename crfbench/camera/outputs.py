@@ -16,7 +16,7 @@ from crfbench.series.reading import read_levels
 PASSPORT, REPORT, MERGED = "passport.json", "report.html", "merged.exr"
 
 
-def write_outputs(result: CameraCalibration, folder: Path, overwrite: bool = False) -> Iterator[Path]:
+def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
     """Write passport, exports, report and merged image into a folder, yielding each path as it is complete.
 
     An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out.
@@ -26,6 +26,7 @@ def write_outputs(result: CameraCalibration, folder: Path, overwrite: bool = Fal
     InputError
         Before anything is written, where one of the files is there and `overwrite` is false.
     """
+    folder = Path(folder)
     paths = {name: folder / _file_name(name) for name in FORMATS}
     for path in (*paths.values(), folder / REPORT, *([folder / MERGED] if result.merged else [])):
         check_new(path, overwrite)

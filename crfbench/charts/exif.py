@@ -16,7 +16,18 @@ _MODEL, _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x0110, 0x829A, 0x829D, 0x8827
 
 @dataclass(frozen=True)
 class Exif:
-    """Exposure time in seconds, f-number, ISO speed and camera model; None where the file does not say."""
+    """Exposure time in seconds, f-number, ISO speed and camera model; None where the file does not say.
+
+    Parameters
+    ----------
+    exposure_time : float, optional
+        Seconds.
+    f_number : float, optional
+    iso : float, optional
+        ISO speed.
+    model : str, optional
+        Of the camera.
+    """
 
     exposure_time: float | None = None
     f_number: float | None = None

@@ -7,6 +7,7 @@ are fractions of the image's width and height, so that they hold for the RAW fil
 import numpy as np
 from numpy.typing import ArrayLike
 
+from crfbench.checks import as_numbers
 from crfbench.curves import Array
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
@@ -31,10 +32,7 @@ def as_corners(corners: ArrayLike) -> Array:
     InputError
         For another shape, positions outside the image, or corners that do not run clockwise round a convex area.
     """
-    try:
-        points = np.array(corners, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"corners={corners!r} are no numbers; use four pairs of x and y from 0 to 1") from None
+    points = as_numbers("corners", corners).copy()
     if points.shape != (4, 2) or not ((points >= 0) & (points <= 1)).all():
         raise InputError(
             f"corners={points.tolist()} are not four pairs of x and y from 0 to 1; use fractions of the size"

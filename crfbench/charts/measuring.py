@@ -44,7 +44,15 @@ class PatchValues(NamedTuple):
 
 
 class Orientation(NamedTuple):
-    """Corners in chart order, shape (4, 2), and the confidence with which they are a chart's."""
+    """Corners in chart order, shape (4, 2), and the confidence with which they are a chart's.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (4, 2)
+        x and y as fractions of the image.
+    confidence : float
+        From 0 to 1.
+    """
 
     corners: Array
     confidence: float

@@ -17,7 +17,14 @@ CROP_SHARE = 0.02
 
 @dataclass(frozen=True)
 class Pair:
-    """One photograph: its name, its JPEG (or PNG, TIFF) and its RAW file, None where there is none."""
+    """One photograph: its name, its JPEG (or PNG, TIFF) and its RAW file, None where there is none.
+
+    Parameters
+    ----------
+    name : str
+    jpeg : Path
+    raw : Path, optional
+    """
 
     name: str
     jpeg: Path
@@ -26,20 +33,32 @@ class Pair:
 
 @dataclass(frozen=True)
 class Problem:
-    """A file that was left out, and why, in one sentence."""
+    """A file that was left out, and why, in one sentence.
+
+    Parameters
+    ----------
+    path : Path
+    reason : str
+    """
 
     path: Path
     reason: str
 
 
 class Pairing(NamedTuple):
-    """The pairs, sorted by name, and what was left out."""
+    """The pairs, sorted by name, and what was left out.
+
+    Parameters
+    ----------
+    pairs : list of Pair
+    problems : list of Problem
+    """
 
     pairs: list[Pair]
     problems: list[Problem]
 
 
-def pair_photographs(source: Path | Iterable[Path]) -> Pairing:
+def pair_photographs(source: str | Path | Iterable[Path]) -> Pairing:
     """Pair RAW files with JPEGs (or PNG, TIFF) of the same name; a bad file is reported, the rest goes on.
 
     Extensions count in either case. Sizes may differ by `CROP_SHARE`. Where there is no RAW file at all, every JPEG
@@ -85,7 +104,7 @@ def check_sizes(jpeg: Path, jpeg_size: tuple[int, int], raw: Path, raw_size: tup
         raise FormatError(f"{sizes} pixels; use the JPEG of the same photograph, neither resized nor turned")
 
 
-def _files(source: Path | Iterable[Path]) -> list[Path]:
+def _files(source: str | Path | Iterable[Path]) -> list[Path]:
     if not isinstance(source, str | Path):
         return [Path(path) for path in source]
     folder = Path(source)

@@ -39,7 +39,14 @@ _DAMAGE: tuple[type[Exception], ...] = (
 
 
 class Picture(NamedTuple):
-    """Pixels in [0, 1], float32, shape (height, width, 3), red green blue; and the bits that each value had."""
+    """Pixels in [0, 1], float32, shape (height, width, 3), red green blue; and the bits that each value had.
+
+    Parameters
+    ----------
+    pixels : ndarray of float32, shape (height, width, 3)
+    bits : int
+        8 or 16.
+    """
 
     pixels: NDArray[np.float32]
     bits: int
@@ -153,7 +160,10 @@ def open_raw(path: Path) -> Iterator[Any]:
 def open_image(path: Path) -> tuple[Any, bytes]:
     """Return Pillow's view of an image file, its header read and checked but not its pixels, and the file's bytes.
 
-    For errors see `read_image`.
+    Raises
+    ------
+    FormatError
+        As `read_image`.
     """
     from PIL import Image
 

@@ -57,6 +57,8 @@ class SafeReader:
             Of a module, as `read_raw`; its result should be small, as it is copied.
         path : path
             The file that it reads; errors name it.
+        *arguments
+            What else `function` takes.
 
         Raises
         ------

@@ -27,7 +27,17 @@ COLUMNS = (
 
 
 class Measured(NamedTuple):
-    """One photograph: where its chart lies, how surely, what its patches are in the JPEG and in the RAW file."""
+    """One photograph: where its chart lies, how surely, what its patches are in the JPEG and in the RAW file.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (4, 2)
+        In chart order, x and y as fractions of the image.
+    confidence : float
+    jpeg : PatchValues
+    raw : PatchValues or None
+    exif : Exif
+    """
 
     corners: Array
     confidence: float
@@ -37,7 +47,15 @@ class Measured(NamedTuple):
 
 
 class ChartTable(NamedTuple):
-    """The patch table, the photographs that it lacks, and what was measured in each of the others by its name."""
+    """The patch table, the photographs that it lacks, and what was measured in each of the others by its name.
+
+    Parameters
+    ----------
+    patches : DataFrame
+        With the columns `COLUMNS`, a row a patch.
+    problems : list of Problem
+    measured : dict of str to Measured
+    """
 
     patches: "pd.DataFrame"
     problems: list[Problem]

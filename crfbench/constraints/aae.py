@@ -12,7 +12,15 @@ from crfbench.constraints.base import Constraint
 
 
 class AAE(Constraint):
-    """One step of the discriminator goes with each step of the autoencoder."""
+    """One step of the discriminator goes with each step of the autoencoder.
+
+    Parameters
+    ----------
+    curves : Tensor, shape (n, 1024)
+        All training curves.
+    n_latent : int
+    generator : torch.Generator
+    """
 
     weights = (3e-3, 1e-4)
 

@@ -13,7 +13,20 @@ from crfbench.errors import InputError
 
 
 class AUC(Constraint):
-    """Mean squared distance of the latent to the scaled label; for one latent only."""
+    """Mean squared distance of the latent to the scaled label; for one latent only.
+
+    Parameters
+    ----------
+    curves : Tensor, shape (n, 1024)
+        All training curves.
+    n_latent : int
+    generator : torch.Generator
+
+    Raises
+    ------
+    InputError
+        For more than one latent.
+    """
 
     weights = (1e-2, 1e-2)
 

@@ -1,11 +1,12 @@
 """Data sets: load them as arrays, know where they are, fetch the ones that are not shipped."""
 
+from crfbench.checks import check_choice
 from crfbench.datasets.dorf import load_dorf
 from crfbench.datasets.emor_basis import load_emor_basis
 from crfbench.datasets.middlebury import load_patches
 from crfbench.datasets.opencrf import load_opencrf
 from crfbench.datasets.responses import Responses
-from crfbench.errors import InputError, MissingDataError
+from crfbench.errors import MissingDataError
 
 __all__ = ["Responses", "load_dorf", "load_emor_basis", "load_opencrf", "load_patches", "load_responses"]
 
@@ -35,6 +36,4 @@ def load_responses(which: str = "auto") -> Responses:
         except MissingDataError:
             return load_opencrf()
     loaders = {"dorf": load_dorf, "opencrf": load_opencrf}
-    if which not in loaders:
-        raise InputError(f"which={which!r} is not known; use 'auto', 'dorf' or 'opencrf'")
-    return loaders[which]()
+    return loaders[check_choice("which", which, ("auto", *loaders))]()

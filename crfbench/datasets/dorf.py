@@ -38,7 +38,14 @@ _ZIP_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, No
 
 
 class DorfText(NamedTuple):
-    """The records of the official text: n names, n scale labels, irradiance and brightness (n, 1024)."""
+    """The records of the official text: n names, n scale labels, irradiance and brightness (n, 1024).
+
+    Parameters
+    ----------
+    names : tuple of str, length n
+    scale_labels : tuple of str, length n
+    irradiance, brightness : ndarray, shape (n, 1024)
+    """
 
     names: tuple[str, ...]
     scale_labels: tuple[str, ...]
@@ -153,7 +160,7 @@ def _read_member(path: Path) -> bytes:
     except FormatError:
         raise
     except _ZIP_DAMAGE as error:
-        raise FormatError(f"the zip cannot be read ({error!r})") from error
+        raise FormatError(f"the zip cannot be read ({error})") from error
 
 
 def _member(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
@@ -222,7 +229,7 @@ def _values(line: str, where: str) -> Array:
     try:
         values = np.array(words, dtype=np.float64)
     except ValueError as error:
-        raise FormatError(f"{where} holds something that is no number: {error}") from None
+        raise FormatError(f"{where} holds something that is no number: {str(error)[:80]}") from None
     if not np.isfinite(values).all():
         raise FormatError(f"{where} holds NaN or infinite values; use finite numbers")
     return values

@@ -88,7 +88,7 @@ def _values(name: str, block: str) -> Array:
     try:
         values = np.array(words, dtype=np.float64)
     except ValueError as error:
-        raise FormatError(f"block {name} holds something that is no number: {error}") from None
+        raise FormatError(f"block {name} holds something that is no number: {str(error)[:80]}") from None
     if not np.isfinite(values).all():
         raise FormatError(f"block {name} holds NaN or infinite values; use finite numbers")
     return values

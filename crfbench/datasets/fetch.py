@@ -59,7 +59,7 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
     with _quiet_pooch():
         for entry in sets:
             try:
-                paths += _fetch_set(entry, target.expanduser(), mirror, progress)
+                paths += _fetch_set(entry, Path(target).expanduser(), mirror, progress)
             except FetchError as error:
                 failures.append(str(error))
     if failures:
@@ -70,7 +70,7 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
 def _chosen(key: str) -> list[DataSet]:
     if key == "all":
         return list(known().values())
-    if key not in known():
+    if not isinstance(key, str) or key not in known():
         raise InputError(f"key={key!r} is no known data set; use 'all' or one of {', '.join(known())}")
     return [known()[key]]
 

@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist, squareform
 
+from crfbench.checks import as_finite, check_count, check_number
 from crfbench.curves import N_SAMPLES, as_curves
 from crfbench.errors import InputError
 
@@ -28,6 +29,7 @@ def near_copies(curves: ArrayLike, tolerance: float = 0.01) -> Labels:
     ndarray of int, shape (n,)
         Group of each curve, numbered by first appearance.
     """
+    check_number("tolerance", tolerance, 0.0)
     rmse = squareform(pdist(as_curves(curves))) / np.sqrt(N_SAMPLES)
     return connected_components(csr_array(rmse < tolerance), directed=False)[1].astype(np.intp)
 
@@ -60,11 +62,12 @@ def grouped_folds(labels: ArrayLike, n_folds: int = 5) -> Labels:
     InputError
         For fewer than two folds, or fewer groups than folds.
     """
-    row = np.asarray(labels)
+    row = as_finite("labels", labels)
     if row.ndim != 1:
         raise InputError(f"labels have shape {row.shape}; use one a curve, (n,)")
     groups, first, group, sizes = np.unique(row, return_index=True, return_inverse=True, return_counts=True)
-    if not 2 <= n_folds <= len(groups):
+    check_count("n_folds", n_folds, least=2)
+    if n_folds > len(groups):
         raise InputError(f"n_folds={n_folds} does not fit {len(groups)} groups; use 2 or more, at most one a group")
     load, fold = np.zeros(n_folds, dtype=np.intp), np.zeros(len(groups), dtype=np.intp)
     for member in np.lexsort((first, -sizes)):

@@ -69,7 +69,13 @@ class PatchArrays(NamedTuple):
 
 
 class Box(NamedTuple):
-    """A patch box in pixels: left edge, top edge, width, height."""
+    """A patch box in pixels: left edge, top edge, width, height.
+
+    Parameters
+    ----------
+    x, y : int
+    width, height : int
+    """
 
     x: int
     y: int
@@ -186,8 +192,8 @@ def parse_boxes(tags: str, width: int, height: int) -> list[Box]:
     try:
         references = json.loads(tags)[0]["references"]
         boxes = [_box(entry["position"], entry["rect"], width, height) for entry in references]
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError) as error:
-        raise FormatError(f"tags.json is not as expected ({error!r}); fetch it again") from None
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError):
+        raise FormatError("tags.json is no list of boxes with position and rect; fetch it again") from None
     if len(boxes) != N_PATCHES or not all(_inside(box, width, height) for box in boxes):
         raise FormatError(f"tags.json has {len(boxes)} boxes; use {N_PATCHES} that lie inside the image")
     return boxes

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from crfbench.checks import check_choice
 from crfbench.datasets.responses import Responses
-from crfbench.errors import FormatError, InputError
+from crfbench.errors import FormatError
 from crfbench.resources import shipped
 
 TIERS = ("core", "hdr", "all")
@@ -42,8 +43,7 @@ def load_opencrf(tier: str = "core") -> Responses:
     FormatError
         If the shipped file is missing or damaged.
     """
-    if tier not in TIERS:
-        raise InputError(f"tier={tier!r} is not known; use one of {', '.join(TIERS)}")
+    check_choice("tier", tier, TIERS)
     responses, tiers = _read(shipped("data/opencrf.npz"))
     return responses if tier == "all" else responses.select(tiers == tier)
 

@@ -43,7 +43,15 @@ class RemoteFile:
 
 @dataclass(frozen=True)
 class DataSet:
-    """A data set: its key, one line on what it is, its licence, and its files (none if it is shipped)."""
+    """A data set: its key, one line on what it is, its licence, and its files (none if it is shipped).
+
+    Parameters
+    ----------
+    key : str
+    what : str
+    licence : str
+    files : tuple of RemoteFile
+    """
 
     key: str
     what: str
@@ -52,7 +60,16 @@ class DataSet:
 
 
 class Status(NamedTuple):
-    """One row of `status`; `present` is "shipped", "complete", "partial (n of m)" or "absent"."""
+    """One row of `status`; `present` is "shipped", "complete", "partial (n of m)" or "absent".
+
+    Parameters
+    ----------
+    key : str
+    what : str
+    licence : str
+    present : str
+    where : str
+    """
 
     key: str
     what: str

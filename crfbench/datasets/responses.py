@@ -1,5 +1,6 @@
 """A set of response curves with what is known of each: the one thing that every loader of curves returns."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -56,7 +57,10 @@ class Responses:
         curves.flags.writeable = False
         object.__setattr__(self, "curves", curves)
         for column in fields(self)[2:]:
-            labels = tuple(getattr(self, column.name))
+            given = getattr(self, column.name)
+            if isinstance(given, str) or not isinstance(given, Iterable):
+                raise InputError(f"{column.name}={given!r} is no row of names; use one a curve")
+            labels = tuple(given)
             if len(labels) != len(curves):
                 raise InputError(f"{column.name} has {len(labels)} entries for {len(curves)} curves; use one a curve")
             object.__setattr__(self, column.name, labels)
@@ -84,10 +88,16 @@ class Responses:
         ----------
         which : array_like of bool, shape (n,), or of int, shape (m,)
             A mask over the curves, or positions in the order wanted.
+
+        Raises
+        ------
+        InputError
+            For positions that are not there, or a mask of another length.
         """
         try:
             rows = np.atleast_1d(np.arange(len(self))[np.asarray(which)]).tolist()
-        except IndexError as error:
-            raise InputError(f"which={which!r} does not select from {len(self)} curves: {error}") from None
+        except (IndexError, ValueError):
+            n = len(self)
+            raise InputError(f"which={which!r} does not fit; use a mask of {n} or whole numbers below {n}") from None
         columns = {column.name: tuple(getattr(self, column.name)[row] for row in rows) for column in fields(self)[2:]}
         return Responses(self.dataset, self.curves[rows], **columns)

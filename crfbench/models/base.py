@@ -21,6 +21,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.checks import as_finite, check_count, check_seed
 from crfbench.curves import Array, Direction, as_curves, check_direction, repair
 from crfbench.errors import InputError
 from crfbench.numerics import levenberg_marquardt, normal_equations
@@ -44,12 +45,24 @@ class Prior:
 
     @classmethod
     def from_samples(cls, free: Array) -> Self:
-        """Take mean and covariance from free parameters of shape (n, k), n > 1."""
+        """Take mean and covariance from free parameters of shape (n, k), n > 1.
+
+        Raises
+        ------
+        InputError
+            For fewer than two rows.
+        """
+        if np.ndim(free) != 2 or len(free) < 2:
+            raise InputError(
+                f"free parameters of shape {np.shape(free)} give no prior; use (n, k) of two or more curves"
+            )
         return cls(free.mean(axis=0), np.atleast_2d(np.cov(free, rowvar=False)))
 
     def sample(self, n: int, seed: int) -> Array:
         """Draw free parameters, shape (n, k)."""
-        return np.random.default_rng(seed).multivariate_normal(self.mean, self.covariance, size=n)
+        return np.random.default_rng(check_seed(seed)).multivariate_normal(
+            self.mean, self.covariance, size=check_count("n", n, least=0)
+        )
 
 
 class ResponseModel(ABC):
@@ -72,9 +85,7 @@ class ResponseModel(ABC):
     learns: ClassVar[bool] = False
 
     def __init__(self, n_params: int, direction: Direction) -> None:
-        if not isinstance(n_params, int | np.integer) or n_params < 1:
-            raise InputError(f"n_params={n_params!r} does not fit {self.name}; use a whole number from 1")
-        self.n_params = int(n_params)
+        self.n_params = check_count("n_params", n_params)
         self.direction = check_direction(direction)
         self.prior_: Prior | None = None
 
@@ -134,11 +145,9 @@ class ResponseModel(ABC):
 
     def _params(self, params: ArrayLike) -> Array:
         """Check parameters of shape (..., k)."""
-        p = np.asarray(params, dtype=np.float64)
+        p = as_finite("params", params)
         if p.ndim < 1 or p.shape[-1] != self.n_params:
             raise InputError(f"params of shape {p.shape} do not fit {self!r}; use (..., {self.n_params})")
-        if not np.isfinite(p).all():
-            raise InputError(f"params for {self!r} hold NaN or infinite values; use finite numbers")
         return p
 
 

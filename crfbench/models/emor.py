@@ -25,6 +25,11 @@ class EMoR(ResponseModel):
     n_params : int
         How many components to use, at most m.
     direction : {"forward", "inverse"}
+
+    Raises
+    ------
+    InputError
+        For more parameters than components, and curves that are none.
     """
 
     name = "EMoR"
@@ -47,8 +52,16 @@ class EMoR(ResponseModel):
 
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Learn mean and components from training curves (n, 1024), n > `n_params`."""
+        """Learn mean and components from training curves (n, 1024), n > `n_params`.
+
+        Raises
+        ------
+        InputError
+            For too few curves.
+        """
         batch = as_curves(curves)
+        if len(batch) < 2:
+            raise InputError("1 curve has no components; use more than n_params of them")
         mean = batch.mean(axis=0)
         components = np.linalg.svd(batch - mean, full_matrices=False)[2][: len(batch) - 1]
         return cls(mean, _signed(components), n_params, direction)

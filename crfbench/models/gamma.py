@@ -15,7 +15,12 @@ _TABLE = np.geomspace(0.02, 50.0, 400)[:, None]
 
 
 class Gamma(ResponseModel):
-    """One parameter, the exponent; below 1 brightens, above 1 darkens."""
+    """One parameter, the exponent; below 1 brightens, above 1 darkens.
+
+    Parameters
+    ----------
+    direction : {"forward", "inverse"}
+    """
 
     name = "Gamma"
 
@@ -29,13 +34,25 @@ class Gamma(ResponseModel):
 
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Build the model; there is nothing to learn."""
+        """Build the model; there is nothing to learn.
+
+        Raises
+        ------
+        InputError
+            For another number of parameters than 1.
+        """
         if n_params != 1:
             raise InputError(f"n_params={n_params!r} does not fit Gamma; use 1")
         return cls(direction)
 
     def decode(self, params: ArrayLike) -> Array:
-        """Turn exponents (..., 1) into curves (..., 1024)."""
+        """Turn exponents (..., 1) into curves (..., 1024).
+
+        Raises
+        ------
+        InputError
+            For exponents that are not above 0.
+        """
         gamma = self._params(params)
         if (gamma <= 0).any():
             raise InputError(f"gamma={gamma.min():g} is no response; use an exponent above 0")

@@ -16,7 +16,14 @@ _LOG_GRID = np.log(np.maximum(GRID, 1e-300))
 
 
 class GGCM(ResponseModel):
-    """An exponent that varies along the curve; passes (0, 0) and (1, 1), need not be monotone."""
+    """An exponent that varies along the curve; passes (0, 0) and (1, 1), need not be monotone.
+
+    Parameters
+    ----------
+    n_params : int
+        Coefficients of the exponent.
+    direction : {"forward", "inverse"}
+    """
 
     name = "GGCM"
 

@@ -13,7 +13,14 @@ from crfbench.models.base import ResponseModel
 
 
 class Polynomial(ResponseModel):
-    """Powers 1 to d of x, so f(0) = 0; nothing makes f(1) = 1 or the curve monotone."""
+    """Powers 1 to d of x, so f(0) = 0; nothing makes f(1) = 1 or the curve monotone.
+
+    Parameters
+    ----------
+    n_params : int
+        The degree d.
+    direction : {"forward", "inverse"}
+    """
 
     name = "Polynomial"
 

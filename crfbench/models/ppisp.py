@@ -34,6 +34,10 @@ class PPISP(ResponseModel):
     """Toe, shoulder, gamma (all above 0) and centre (inside 0..1): always monotone, from (0, 0) to (1, 1).
 
     In the inverse direction a curve is the exact inverse function of the formula above.
+
+    Parameters
+    ----------
+    direction : {"forward", "inverse"}
     """
 
     name = "PPISP"
@@ -48,7 +52,13 @@ class PPISP(ResponseModel):
 
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Build the model; there is nothing to learn."""
+        """Build the model; there is nothing to learn.
+
+        Raises
+        ------
+        InputError
+            For another number of parameters than 4.
+        """
         if n_params != 4:
             raise InputError(f"n_params={n_params!r} does not fit PPISP; use 4")
         return cls(direction)

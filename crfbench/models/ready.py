@@ -9,17 +9,12 @@ from crfbench.curves import GRID, Direction, check_direction
 from crfbench.errors import FormatError, InputError
 from crfbench.models.base import Prior, ResponseModel
 from crfbench.models.emor import EMoR
-from crfbench.models.gamma import Gamma
-from crfbench.models.ggcm import GGCM
-from crfbench.models.polynomial import Polynomial
-from crfbench.models.ppisp import PPISP
 from crfbench.models.slr import SLR
 from crfbench.models.weights import shipped_weights
 from crfbench.resources import shipped
 
 LEARNED = "data/dorf_priors.npz"
 
-_CLASSICAL: dict[str, type[ResponseModel]] = {kind.name: kind for kind in (Gamma, Polynomial, GGCM, PPISP)}
 _DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
@@ -47,6 +42,8 @@ def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -
         When the shipped file is damaged.
     """
     check_direction(direction)
+    if not isinstance(name, str):
+        raise InputError(f"name={name!r} is no name of a model; use one such as 'Gamma' or 'SLR-ldl'")
     if name.startswith("SLR-"):
         return SLR.load(name.removeprefix("SLR-"), n_params, direction)
     key = f"{name}-{n_params}-{direction}"
@@ -77,4 +74,7 @@ def _bare(name: str, n_params: int, direction: Direction, learned: "np.lib.npyio
     if name == EMoR.name:
         basis = learned[f"basis-{direction}"].astype(np.float64)
         return EMoR(basis[0], basis[1:], n_params, direction)
-    return _CLASSICAL[name].from_curves(GRID, n_params, direction)
+    from crfbench.models import MODELS  # the table of all models, which imports this module
+
+    (kind,) = [kind for kind in MODELS if kind.name == name]
+    return kind.from_curves(GRID, n_params, direction)

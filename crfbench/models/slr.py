@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.checks import check_count, check_seed
 from crfbench.curves import N_SAMPLES, Array, Direction, as_curves
 from crfbench.errors import InputError
 from crfbench.models.base import Prior, ResponseModel, nearest_in_table, refine
@@ -66,7 +67,7 @@ class SLR(ResponseModel):
         super().__init__(n_latent, direction)
         self.hidden = _check_hidden(hidden)
         self.monotone = bool(monotone)
-        self.weights_ = self._initial(np.random.default_rng(seed))
+        self.weights_ = self._initial(np.random.default_rng(check_seed(seed)))
         self.card_: dict[str, Any] = {}
         self._learn_prior_from_latents()
 
@@ -81,7 +82,13 @@ class SLR(ResponseModel):
 
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Refuse: an SLR learns by `crfbench.training.train`."""
+        """Refuse: an SLR learns by `crfbench.training.train`.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
         raise InputError("an SLR learns by gradient descent; use crfbench.training.train or SLR.load")
 
     @classmethod
@@ -126,7 +133,7 @@ class SLR(ResponseModel):
         """
         return cls.from_weights(*load_weights(name, n_latent, direction))
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write weights and card to a ``.safetensors`` file, complete or not at all."""
         shape = {
             "hidden": list(self.hidden),
@@ -256,7 +263,7 @@ def _sigmoid(x: Array) -> Array:
 
 
 def _check_hidden(hidden: Sequence[int]) -> tuple[int, ...]:
-    widths = tuple(int(width) for width in hidden)
-    if not 1 <= len(widths) <= 3 or min(widths) < 1:
-        raise InputError(f"hidden={tuple(hidden)} is no architecture; use one to three layers of one or more neurons")
+    widths = tuple(check_count("hidden", width) for width in hidden) if np.iterable(hidden) else ()
+    if not 1 <= len(widths) <= 3:
+        raise InputError(f"hidden={hidden!r} is no architecture; use one to three layers of one or more neurons")
     return widths

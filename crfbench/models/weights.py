@@ -47,10 +47,19 @@ def load_weights(name: str | Path, n_latent: int, direction: str) -> tuple[dict[
     return read_weights(shipped("data/weights") / f"{stem}.safetensors")
 
 
-def read_weights(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read one weights file; see `load_weights`."""
+def read_weights(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read one weights file; see `load_weights`.
+
+    Raises
+    ------
+    MissingDataError
+        For a path that leads nowhere.
+    FormatError
+        For a file that is damaged, altered or of another kind.
+    """
     from safetensors import SafetensorError, safe_open
 
+    path = Path(path)
     if not path.is_file():
         raise MissingDataError(f"there is no weights file {path}; use one that SLR.save wrote")
     try:
@@ -64,7 +73,7 @@ def read_weights(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return weights, _checked_card(path.name, metadata, weights)
 
 
-def save_weights(path: Path, weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> None:
+def save_weights(path: str | Path, weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> None:
     """Write weights and card with their checksum, complete or not at all."""
     from safetensors.numpy import save
 
@@ -88,7 +97,16 @@ def _checked_card(name: str, metadata: Mapping[str, str], weights: Mapping[str, 
     text = metadata.get("card", "")
     if metadata.get("sha256") != _checksum(text, weights):
         raise FormatError(f"{name} was altered after it was written (its checksum differs); fetch or train it again")
-    card: dict[str, Any] = json.loads(text)
+    card = _parsed(text)
     if not all(isinstance(card.get(key), kind) for key, kind in _NEEDED.items()) or "latents" not in weights:
         raise FormatError(f"{name} lacks latents or one of {', '.join(_NEEDED)}; use a file that SLR.save wrote")
     return card
+
+
+def _parsed(card: str) -> dict[str, Any]:
+    """Return the card, empty where it is no JSON object."""
+    try:
+        content = json.loads(card)
+    except (ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from crfbench.checks import check_choice
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import write_new
 from crfbench.passport.formats import FORMATS, decode
@@ -72,9 +73,7 @@ def _format(path: str | Path, name: str | None) -> str:
     """Choose the format; of several that fit the file's name, that of the longest suffix."""
     ends = {key: module.SUFFIX for key, module in FORMATS.items()}
     if name is not None:
-        if name not in FORMATS:
-            raise InputError(f"format={name!r} is not known; use one of {', '.join(FORMATS)}")
-        return name
+        return check_choice("format", name, FORMATS)
     fitting = [key for key, suffix in ends.items() if Path(path).name.lower().endswith(suffix)]
     if not fitting:
         raise InputError(f"the name {path} tells no format; let it end in one of {', '.join(ends.values())}")

@@ -43,7 +43,7 @@ def linearise(image: ArrayLike, response: Passport | ArrayLike, dtype: DTypeLike
     [[0, 16513, 65535]]
     """
     pixels, curves = np.asarray(image), _inverse(response)
-    if np.dtype(dtype) not in _OUTPUTS:
+    if dtype not in _OUTPUTS:
         raise InputError(f"dtype={dtype!r} does not fit; use float32 or uint16")
     if not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)) or not pixels.size:
         raise InputError(f"the image has shape {pixels.shape}; use (h, w) or (h, w, 3)")
@@ -71,8 +71,10 @@ def _look_up(pixels: NDArray[Any], curves: Array, dtype: np.dtype[Any]) -> NDArr
 
 
 def _interpolate(pixels: NDArray[Any], curves: Array) -> Array:
-    if pixels.dtype.kind != "f" or not np.isfinite(pixels).all():
-        raise InputError(f"the pixels are {pixels.dtype} or not finite; use uint8, uint16 or finite floats")
+    if pixels.dtype.kind != "f":
+        raise InputError(f"the pixels are {pixels.dtype}; use uint8, uint16 or floats")
+    if not np.isfinite(pixels).all():
+        raise InputError("the image holds NaN or infinite values; use finite floats from 0 to 1")
     if len(curves) == 1:
         return evaluate(curves[0], pixels.ravel()).reshape(pixels.shape)
     return evaluate(curves, pixels.reshape(-1, 3).T).T.reshape(pixels.shape)

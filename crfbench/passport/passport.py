@@ -9,6 +9,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike
 
+from crfbench.checks import as_finite
 from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, invert
 from crfbench.errors import InputError
 
@@ -138,24 +139,14 @@ class Passport:
     def _check_params(self) -> None:
         if self.params is None:
             return
-        params = np.array(_floats("params", self.params), ndmin=2)
+        params = np.array(as_finite("params", self.params), ndmin=2)
         if params.ndim != 2 or len(params) != len(self.curves):
             raise InputError(f"params of shape {params.shape} do not fit {len(self.curves)} curves; use a row a curve")
         self._set("params", params)
 
 
-def _floats(name: str, values: object) -> Array:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} holds something that is no number; use finite numbers") from None
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} holds NaN or infinite values; use finite numbers")
-    return array
-
-
 def _number(name: str, value: object) -> float:
-    array = _floats(name, value)
+    array = as_finite(name, value)
     if array.ndim:
         raise InputError(f"{name}={value!r} is no single number; use one")
     return float(array)
@@ -169,7 +160,7 @@ def _checked_curves(curves: ArrayLike) -> Array:
 
 
 def _checked_range(valid_range: object) -> tuple[float, float]:
-    values = _floats("valid_range", valid_range)
+    values = as_finite("valid_range", valid_range)
     if values.shape != (2,) or not 0.0 <= values[0] < values[1] <= 1.0:
         raise InputError(f"valid_range={valid_range!r} does not fit; use two rising brightnesses in [0, 1]")
     return float(values[0]), float(values[1])

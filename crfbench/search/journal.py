@@ -9,6 +9,8 @@ from typing import Any
 from crfbench.errors import FormatError, InputError
 from crfbench.search.outcome import Outcome
 
+_HEAD = b'{"settings": {'  # how the first line begins, whatever the search
+
 
 class Journal:
     """An append-only file; its first line says what search it belongs to.
@@ -34,15 +36,23 @@ class Journal:
         For a file that is no journal.
     """
 
-    def __init__(self, path: Path | None, settings: Mapping[str, Any]) -> None:
-        self.path = path
+    def __init__(self, path: str | Path | None, settings: Mapping[str, Any]) -> None:
+        self.path = None if path is None else Path(path)
         self.outcomes: list[Outcome] = []
-        if path is None:
-            return
-        if lines := _whole_lines(path):
-            held, self.outcomes = _parse(path, lines)
+        if self.path is not None:
+            self._open(self.path, settings)
+
+    def _open(self, path: Path, settings: Mapping[str, Any]) -> None:
+        content = path.read_bytes() if path.exists() else b""
+        whole = content[: content.rfind(b"\n") + 1]
+        if whole:
+            held, self.outcomes = _parse(path, whole.splitlines())
             _check_same(path, held, settings)
-        else:
+        elif content[: len(_HEAD)] != _HEAD[: len(content)]:
+            raise FormatError(f"{path.name} is no journal of a search; use another path")
+        if len(whole) < len(content):  # a crash in the middle of a line leaves it without an end
+            os.truncate(path, len(whole))
+        if not whole:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._write({"settings": dict(settings)})
 
@@ -60,23 +70,12 @@ class Journal:
             os.fsync(file.fileno())
 
 
-def _whole_lines(path: Path) -> list[bytes]:
-    """Return the lines of a file and cut off a last one without an end, which a crash in the middle of it leaves."""
-    if not path.exists():
-        return []
-    content = path.read_bytes()
-    whole = content[: content.rfind(b"\n") + 1]
-    if len(whole) < len(content):
-        os.truncate(path, len(whole))
-    return whole.splitlines()
-
-
 def _parse(path: Path, lines: list[bytes]) -> tuple[dict[str, Any], list[Outcome]]:
     try:
         first, *rows = [json.loads(line) for line in lines]
         return dict(first["settings"]), [Outcome.from_row(row) for row in rows]
-    except (ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{path.name} is no journal of a search ({error!r}); use another path") from None
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        raise FormatError(f"{path.name} is no journal of a search; use another path") from None
 
 
 def _check_same(path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:

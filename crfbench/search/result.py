@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from crfbench.errors import InputError
+from crfbench.checks import check_count
 from crfbench.search.outcome import Outcome
 from crfbench.search.space import Hidden, complexity
 
@@ -55,8 +55,7 @@ def architecture(row: pd.Series) -> Hidden:
 
 def check_m(m: int) -> None:
     """Raise `InputError` unless `m` candidates can be chosen from."""
-    if m < 1:
-        raise InputError(f"m={m} leaves nothing to choose from; use 1 or more")
+    check_count("m", m)
 
 
 def tabulate(outcomes: Iterable[Outcome]) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from tqdm.auto import tqdm
 
+from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import Array, Direction, check_direction
 from crfbench.datasets import Responses
 from crfbench.datasets.folds import Labels, group_labels, grouped_folds
@@ -100,14 +101,19 @@ def _weights(trial: Trial) -> int:
 
 
 def deal_folds(responses: Responses, folds: str, seed: int) -> Labels:
-    """Return the fold of each response, shape (n,): dealt at random, or whole units (films, near-copies) together."""
-    if folds not in get_args(Folds):
-        raise InputError(f"folds={folds!r} is not known; use 'random' or 'grouped'")
+    """Return the fold of each response, shape (n,): dealt at random, or whole units (films, near-copies) together.
+
+    Raises
+    ------
+    InputError
+        For folds that are not known, too few responses, or a seed that is none.
+    """
+    check_choice("folds", folds, get_args(Folds))
     if len(responses) < 2 * N_FOLDS:
         raise InputError(f"{len(responses)} responses are too few for {N_FOLDS} folds; use {2 * N_FOLDS} or more")
     if folds == "grouped":
         return grouped_folds(group_labels(responses.units), N_FOLDS)
-    return np.random.default_rng(seed).permutation(len(responses)) % N_FOLDS
+    return np.random.default_rng(check_seed(seed)).permutation(len(responses)) % N_FOLDS
 
 
 def naive_search(
@@ -169,6 +175,7 @@ def naive_search(
     >>> result.chosen, result.table.head(), result.pareto  # doctest: +SKIP
     """
     check_m(m)
+    check_count("epochs", epochs)
     explorer = find_strategy(strategy)
     curves = responses.in_direction(check_direction(direction))
     plan = Plan(curves, direction, deal_folds(responses, folds, seed), seed)

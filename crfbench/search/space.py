@@ -1,9 +1,10 @@
 """The search space and complexity of the paper's "Naïve neural architecture search"."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 
+from crfbench.checks import check_count
 from crfbench.curves import N_SAMPLES
 from crfbench.errors import InputError
 
@@ -20,6 +21,11 @@ class SearchSpace:
     h1, h2, h3 : sequence of int
         Widths that each layer may have. Where h2 is 0, h3 is 0 too.
 
+    Raises
+    ------
+    InputError
+        For widths that do not fit, or no architecture at all.
+
     Examples
     --------
     >>> len(SearchSpace())
@@ -34,9 +40,10 @@ class SearchSpace:
 
     def __post_init__(self) -> None:
         for name, least in (("h1", 1), ("h2", 0), ("h3", 0)):
-            widths = tuple(getattr(self, name))
-            if not widths or min(widths) < least or len(set(widths)) < len(widths):
-                raise InputError(f"{name}={widths} does not fit; use one or more different widths from {least}")
+            given = getattr(self, name)
+            widths = tuple(check_count(name, width, least) for width in given) if isinstance(given, Iterable) else ()
+            if not widths or len(set(widths)) < len(widths):
+                raise InputError(f"{name}={given!r} does not fit; use one or more different widths from {least}")
             object.__setattr__(self, name, widths)
         if not list(self):
             raise InputError(f"{self} holds no architecture; allow h3=0 where h2 is 0")

@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from crfbench.checks import check_count, check_seed
 from crfbench.errors import InputError, MissingDataError
 from crfbench.search.space import Hidden, SearchSpace
 
@@ -18,7 +19,13 @@ _ASKS = 20  # for each new candidate that Optuna should find
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate and for how long to train it."""
+    """A candidate and for how long to train it.
+
+    Parameters
+    ----------
+    hidden : tuple of int
+    epochs : int
+    """
 
     hidden: Hidden
     epochs: int
@@ -53,13 +60,21 @@ class Grid:
 
 @dataclass(frozen=True)
 class Random:
-    """A random sample of the candidates (Bergstra and Bengio 2012, JMLR 13, 281-305)."""
+    """A random sample of the candidates (Bergstra and Bengio 2012, JMLR 13, 281-305).
+
+    Parameters
+    ----------
+    n : int
+        How many candidates.
+    seed : int
+    """
 
     n: int = 40
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _check_count(self.n)
+        check_count("n", self.n)
+        check_seed(self.seed)
 
     def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> list[Trial]:
         """Return `n` different candidates, or all if there are fewer."""
@@ -85,8 +100,8 @@ class Halving:
     factor: int = 3
 
     def __post_init__(self) -> None:
-        if self.rounds < 1 or self.factor < 2:
-            raise InputError(f"{self} does not halve; use rounds from 1 and a factor from 2")
+        check_count("rounds", self.rounds)
+        check_count("factor", self.factor, least=2)
 
     def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> list[Trial]:
         """Return the first round that is not complete."""
@@ -102,15 +117,24 @@ class Halving:
 
 @dataclass(frozen=True)
 class Optuna:
-    """Optuna's tree-structured Parzen estimator, `batch` candidates at a time (needs the extra ``optuna``)."""
+    """Optuna's tree-structured Parzen estimator, `batch` candidates at a time (needs the extra ``optuna``).
+
+    Parameters
+    ----------
+    n : int
+        How many candidates in all.
+    batch : int
+    seed : int
+    """
 
     n: int = 40
     batch: int = 8
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _check_count(self.n)
-        _check_count(self.batch)
+        check_count("n", self.n)
+        check_count("batch", self.batch)
+        check_seed(self.seed)
 
     def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> list[Trial]:
         """Return what is done and up to `batch` new candidates, until there are `n`."""
@@ -143,16 +167,17 @@ def _ask(space: SearchSpace, done: Mapping[Trial, float], count: int, seed: int)
     return [hidden for hidden in proposals if hidden in set(space)]
 
 
-def _check_count(n: int) -> None:
-    if n < 1:
-        raise InputError(f"{n} candidates cannot be searched; use 1 or more")
-
-
 STRATEGIES: dict[str, type[Strategy]] = {"grid": Grid, "random": Random, "halving": Halving, "optuna": Optuna}
 
 
 def find_strategy(strategy: str | Strategy) -> Strategy:
-    """Return the strategy of that name, or the object itself if it is one."""
+    """Return the strategy of that name, or the object itself if it is one.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
     if isinstance(strategy, str) and strategy in STRATEGIES:
         return STRATEGIES[strategy]()
     if isinstance(strategy, Strategy):

@@ -27,13 +27,15 @@ def calibrate_series(
 
     Parameters
     ----------
-    images, exposures, n, seed, per_channel
+    images, exposures
         As in `sample_series`.
     model : ResponseModel, optional
         Of direction "inverse", with a prior; by default PPISP: a series that fills the range tells more than one
         number, and of uncommon responses, as of film, a single latent number misses much.
     method : {"posterior", "map"}
         As in `crfbench.calibration.calibrate`.
+    n, seed, per_channel
+        As in `sample_series`.
     exposure_error : float
         Standard deviation of each exposure in stops. Times as a camera names them, 1/60 for 1/64, call for 0.05.
 

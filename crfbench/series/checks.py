@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.checks import as_numbers
 from crfbench.curves import Array
 from crfbench.errors import InputError
 
@@ -48,10 +49,7 @@ def as_stops(exposures: ArrayLike | None, n: int) -> Array:
     """
     if exposures is None:
         raise InputError(f"exposures are missing; use {n} numbers in stops, the base-2 logarithm of exposure")
-    try:
-        stops = np.asarray(exposures, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"exposures={exposures!r} are no numbers; use {n} in stops") from None
+    stops = as_numbers("exposures", exposures)
     if stops.shape != (n,) or not np.isfinite(stops).all():
         raise InputError(f"exposures={stops.tolist()} do not fit {n} images; use one finite number of stops an image")
     if not 0 < np.ptp(stops) <= _STOPS:

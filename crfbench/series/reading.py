@@ -8,13 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crfbench.charts import Exif, Problem, SafeReader, exposure_steps, read_exif, read_image
+from crfbench.checks import as_numbers
 from crfbench.curves import Array
 from crfbench.errors import CrfbenchError, InputError
 from crfbench.series.checks import Image
 
 
 class Series(NamedTuple):
-    """Images of shape (h, w, 3), 8 or 16 bits; their exposures in stops, shape (e,); and the files left out."""
+    """Images of shape (h, w, 3), 8 or 16 bits; their exposures in stops, shape (e,); and the files left out.
+
+    Parameters
+    ----------
+    images : list of ndarray, shape (h, w, 3)
+    stops : ndarray, shape (e,)
+    problems : list of Problem
+    """
 
     images: list[Image]
     stops: Array
@@ -70,10 +78,9 @@ def _exposed(reader: SafeReader, file: Path) -> Exif:
 
 
 def _times(exposures: str | ArrayLike, n: int) -> Array:
-    try:
-        times = np.asarray(exposures, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"exposures={exposures!r} do not fit; use 'exif' or {n} times in seconds") from None
+    if isinstance(exposures, str):
+        raise InputError(f"exposures={exposures!r} do not fit; use 'exif' or {n} times in seconds")
+    times = as_numbers("exposures", exposures)
     if times.shape != (n,) or not (np.isfinite(times) & (times > 0)).all():
         raise InputError(f"exposures={times.tolist()} do not fit {n} files; use one time above 0 seconds for each")
     return times

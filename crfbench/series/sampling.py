@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Observations
 from crfbench.calibration.observations import SATURATED
+from crfbench.checks import check_count, check_seed
 from crfbench.curves import Array
 from crfbench.errors import InputError
 from crfbench.series.checks import LEVELS, Image, as_series, as_stops
@@ -67,12 +68,11 @@ def sample_series(
     """
     arrays = as_series(images)
     stops = as_stops(exposures, len(arrays))
-    if n < _STRATA:
-        raise InputError(f"n={n} samples are too few; use {_STRATA} or more")
+    check_count("n", n, _STRATA)
     channels = range(arrays[0].shape[2])
     groups = [[c] for c in channels] if per_channel else [list(channels)]
     sets = [_blocks([array[..., c] for array in arrays for c in group], len(arrays)) for group in groups]
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(check_seed(seed))
     brightness, measured = _stacked([_chosen(blocks, stops, n, rng) for blocks in sets])
     return Observations(brightness, exposures=stops, clipped=~measured, weights=measured)
 

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.checks import as_finite, check_number, check_seed
 from crfbench.curves import Array, as_valid_curves, evaluate
 from crfbench.errors import InputError
+from crfbench.synthetic.checks import check_noise, check_size
 
 _REGIONS = 80
 _SHADING, _COLOUR = 1.0, 0.3  # natural logarithms: of the smooth change inside regions, and between channels
@@ -61,13 +63,16 @@ def render_series(
     Raises
     ------
     InputError
-        For a response that is no valid curve, or no pixels.
+        For a response that is no valid curve, no pixels, no exposures, or a figure out of range.
     """
-    if min(size) < 1:
-        raise InputError(f"size={size} cannot be rendered; use 1 pixel or more a side")
+    check_size(size, least=1)
+    check_noise(full_well, read_noise)
+    check_number("decades", decades, 0.0, 12.0)
     curve = as_valid_curves(response)[0]
-    rng = np.random.default_rng(seed)
-    exposures = np.asarray(stops, dtype=np.float64)
+    rng = np.random.default_rng(check_seed(seed))
+    exposures = as_finite("stops", stops)
+    if exposures.ndim != 1 or not exposures.size:
+        raise InputError(f"stops={stops!r} are no exposures; use a row of one or more numbers")
     radiance = _radiance(rng, size, decades) * 2.0 ** -(exposures.min() + exposures.max())
     images = []
     for light in 2.0 ** exposures[:, None, None, None] * radiance:

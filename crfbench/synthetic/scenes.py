@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from crfbench.checks import as_finite, check_number, check_seed
 from crfbench.curves import Array, as_valid_curves, evaluate
 from crfbench.datasets.colour_chart import chart_colours
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
+from crfbench.synthetic.checks import check_noise, check_size
 
 COLUMNS, ROWS = 6, 4
 # In widths of a patch, measured on a ColorChecker Classic: the gap between patches and the frame around them.
@@ -96,17 +98,19 @@ def render_chart(
     InputError
         For a response that is no valid curve, a size below 32 pixels, or no light.
     """
-    if min(size) < 32 or exposure <= 0 or min(illuminant) <= 0:
-        raise InputError(
-            f"size={size}, exposure={exposure}, illuminant={illuminant} cannot be rendered; "
-            "use 32 pixels or more a side, and light above 0"
-        )
+    check_size(size, least=32)
+    check_noise(full_well, read_noise)
+    light = check_number("exposure", exposure, 1e-6) * as_finite("illuminant", illuminant)
+    if light.shape != (3,) or light.min() <= 0:
+        raise InputError(f"illuminant={illuminant!r} does not fit; use three numbers above 0")
+    check_number("turn", turn, -360.0, 360.0)
+    check_number("tilt", tilt, 0.0, 0.1)
+    check_number("vignetting", vignetting, 0.0, 0.99)
     curve = as_valid_curves(response)[0]
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(check_seed(seed))
     corners = _random_view(rng, size, turn, tilt)
     chart, view = _SIZE * _BOX, corners * np.array(size)
     reflectance = _draw(_homography(view, chart), _background(rng, size), size)
-    light = exposure * np.asarray(illuminant)
     irradiance = reflectance * light * _falloff(_pixel_centres(size, 1), size, vignetting)[..., None]
     noise = rng.standard_normal(irradiance.shape) * np.sqrt(irradiance / full_well + read_noise**2)
     raw = np.clip(irradiance + noise, 0.0, 1.0)

@@ -9,6 +9,7 @@ from scipy.optimize import isotonic_regression
 from crfbench.calibration import METHODS, Calibration, Noise, Observations, calibrate
 from crfbench.calibration.likelihood import DARKEST
 from crfbench.calibration.observations import REFERENCE_ERROR, colour_spread
+from crfbench.checks import check_choice, check_seed
 from crfbench.curves import Array, evaluate
 from crfbench.datasets import load_patches, load_responses, registry
 from crfbench.datasets.middlebury import N_PATCHES, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays
@@ -71,12 +72,17 @@ def calibration_table(
         ``verdict``: "reproduced" when the paper's mean lies within 0.005 of ours or inside its bounds, else
         "differs"; "not comparable" unless method and patches are the paper's. Rows named "floor" use the test data
         themselves: no calibration gets below them.
+
+    Raises
+    ------
+    InputError
+        For patches, a method or a channel that are not known.
     """
     methods = [name for name in METHODS if name != "grid"]
     if method not in methods:
         raise InputError(f"method={method!r} is not for tables; use one of {', '.join(methods)}")
-    if channel not in CHANNELS:
-        raise InputError(f"channel={channel!r} is not known; use one of {', '.join(CHANNELS)}")
+    check_choice("channel", channel, CHANNELS)
+    check_seed(seed)
     chart = patch_arrays(load_patches() if frame is None else frame)
     subsets = _subsets(patches, seed)
     results = [_calibrated(row, chart, subsets, (method, channel, seed)) for row in rows]

@@ -12,7 +12,13 @@ from crfbench.tables.statements import CHECKS
 
 
 class Point(NamedTuple):
-    """One finding: what it is about, and what was found."""
+    """One finding: what it is about, and what was found.
+
+    Parameters
+    ----------
+    title : str
+    text : str
+    """
 
     title: str
     text: str

@@ -43,5 +43,7 @@ def load_recorded(name: str, folder: Path | None = None) -> tuple[pd.DataFrame, 
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         return pd.read_json(io.StringIO(json.dumps(content["rows"])), orient="records"), content["provenance"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{path.name} is no recorded table ({error}); use one that crfbench wrote") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FormatError(
+            f"{path.name} is no recorded table ({str(error)[:80]}); use one that crfbench wrote"
+        ) from None

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from crfbench.calibration import METHODS, Observations, calibrate
+from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import Array
 from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import N_PATCHES, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays
@@ -69,7 +70,8 @@ def stability_table(camera: str = CAMERA, random_subsets: int = 200, seed: int =
         raise InputError(f"camera={camera!r} is not in the patch table; use one of {', '.join(chart.cameras)}")
     one, every = [chart.cameras.index(camera)], list(range(len(chart.cameras)))
     stated = np.array([patch - 1 for patch in ORDER])
-    rng = np.random.default_rng(seed)
+    check_count("random_subsets", random_subsets, least=0)
+    rng = np.random.default_rng(check_seed(seed))
     cases = [
         (camera, "stated", _nested(chart, one, stated[None]), ("paper", "map", "posterior")),
         ("all", "stated", _nested(chart, every, np.tile(stated, (len(every), 1))), ("map", "posterior")),
@@ -82,12 +84,17 @@ def stability_table(camera: str = CAMERA, random_subsets: int = 200, seed: int =
 
 
 def stability_curves(camera: str, model: tuple[str, str, int], method: str, seed: int = 0) -> Array:
-    """Return the inverse responses (4, 1024) of a camera from 3, 6, 12 and 24 patches: the paper's figure."""
+    """Return the inverse responses (4, 1024) of a camera from 3, 6, 12 and 24 patches: the paper's figure.
+
+    Raises
+    ------
+    InputError
+        For a camera or a method that is not known.
+    """
     chart = patch_arrays(load_patches())
     if camera not in chart.cameras:
         raise InputError(f"camera={camera!r} is not in the patch table; use one of {', '.join(chart.cameras)}")
-    if method not in METHODS:
-        raise InputError(f"method={method!r} is not known; use one of {', '.join(METHODS)}")
+    check_choice("method", method, METHODS)
     order = np.array(ORDER)[None] - 1
     return calibrate(table_model(model), _nested(chart, [chart.cameras.index(camera)], order), method, seed=seed).curves
 

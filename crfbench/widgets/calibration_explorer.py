@@ -264,7 +264,7 @@ def _check_patches(patches: Iterable[int]) -> tuple[int, ...]:
     try:
         numbers = list(patches)
         whole = all(int(patch) == patch and not isinstance(patch, bool) for patch in numbers)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         whole = False
     if not whole or not {int(patch) for patch in numbers} <= set(range(1, N_PATCHES + 1)):
         raise InputError(f"patches={patches!r} do not fit; use whole numbers from 1 to {N_PATCHES}")

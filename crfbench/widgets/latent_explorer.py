@@ -10,6 +10,7 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
+from crfbench.checks import as_numbers
 from crfbench.curves import GRID, Array, axis_labels
 from crfbench.datasets import Responses
 from crfbench.errors import InputError
@@ -187,10 +188,7 @@ def _load(name: str) -> SLR:
 
 
 def _check_latent(latent: ArrayLike, k: int) -> list[float]:
-    try:
-        values = np.atleast_1d(np.array(latent, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise InputError(f"latent={latent!r} is no number; use {k} of them") from None
+    values = np.atleast_1d(as_numbers("latent", latent))
     if values.shape != (k,) or not np.isfinite(values).all():
         raise InputError(f"latent={latent!r} does not fit; use {k} finite numbers")
     return values.tolist()

@@ -10,6 +10,7 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
+from crfbench.checks import as_numbers
 from crfbench.curves import Array, as_curves, axis_labels
 from crfbench.errors import InputError
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
@@ -221,10 +222,7 @@ def _by_name(models: Sequence[ResponseModel]) -> dict[str, ResponseModel]:
 
 
 def _decode(model: ResponseModel, params: ArrayLike) -> tuple[Array, Array]:
-    try:
-        values = np.array(params, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"params={params!r} are not numbers; use {model.n_params} of them") from None
+    values = as_numbers("params", params).copy()
     if values.shape != (model.n_params,):
         raise InputError(f"params of shape {values.shape} do not fit {model!r}; use ({model.n_params},)")
     return values, as_curves(model.decode(values))[0]

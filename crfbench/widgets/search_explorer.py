@@ -8,6 +8,7 @@ import pandas as pd
 import traitlets
 from numpy.typing import ArrayLike
 
+from crfbench.checks import as_numbers, check_count
 from crfbench.errors import InputError
 from crfbench.search.result import architecture, mark_choice, pareto_front
 from crfbench.search.space import Hidden
@@ -53,7 +54,7 @@ class SearchExplorer(anywidget.AnyWidget):
     def __init__(self, table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = None) -> None:
         super().__init__()
         self._table = _check_table(table).sort_values("rank").reset_index(drop=True)
-        bars = np.asarray(table["mse_sd"] if spread is None else spread, dtype=np.float64)
+        bars = as_numbers("spread", table["mse_sd"] if spread is None else spread)
         if bars.shape != (len(table),):
             raise InputError(f"spread of shape {bars.shape} does not fit {len(table)} candidates; use one a candidate")
         self._candidates = _rows(self._table, bars[np.argsort(table["rank"].to_numpy())])
@@ -71,9 +72,7 @@ class SearchExplorer(anywidget.AnyWidget):
     @m.setter
     def m(self, m: int) -> None:
         n = len(self._table)
-        if isinstance(m, bool) or not isinstance(m, int | np.integer) or not 1 <= m <= n:
-            raise InputError(f"m={m!r} is no number of candidates; use a whole number from 1 to {n}")
-        self._m = int(m)
+        self._m = check_count("m", m, most=n)
 
     @property
     def chosen(self) -> Hidden:

@@ -9,6 +9,7 @@ import anywidget
 import numpy as np
 import traitlets
 
+from crfbench.checks import check_choice
 from crfbench.curves import Direction, check_direction
 from crfbench.datasets import Responses, load_responses
 from crfbench.errors import CrfbenchError, InputError
@@ -39,8 +40,7 @@ class _Wish:
     direction: Direction
 
     def __post_init__(self) -> None:
-        if self.constraint not in CONSTRAINTS:
-            raise InputError(f"constraint={self.constraint!r} is not known; use one of {', '.join(CONSTRAINTS)}")
+        check_choice("constraint", self.constraint, CONSTRAINTS)
         check_direction(self.direction)
         _check_whole("seed", self.seed, 0, _MOST_SEED)
         _check_whole("epochs", self.epochs, 1, _MOST_EPOCHS)

@@ -29,7 +29,13 @@ def write(passport: Passport) -> bytes:
 
 
 def read(data: bytes) -> Passport:
-    """Read two or more rows whose first column rises from 0 to 1; spaces and quotes about the names do no harm."""
+    """Read two or more rows whose first column rises from 0 to 1; spaces and quotes about the names do no harm.
+
+    Raises
+    ------
+    FormatError
+        For any other content.
+    """
     head, *lines = decode_text(data).strip().splitlines() or [""]
     heads = {_head(direction, c): direction for direction in _AXES for c in _ENDINGS}
     name = "".join(head.lower().replace('"', "").split())

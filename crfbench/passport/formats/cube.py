@@ -32,7 +32,13 @@ def write(passport: Passport) -> bytes:
 
 
 def read(data: bytes) -> Passport:
-    """Read a table of any size over the domain from 0 to 1."""
+    """Read a table of any size over the domain from 0 to 1.
+
+    Raises
+    ------
+    FormatError
+        For any other content.
+    """
     text = "\n".join(decode_text(data).splitlines())
     size, title = _SIZE.findall(text), _TITLE.search(text)
     if len(size) != 1:

@@ -31,7 +31,13 @@ def write(passport: Passport) -> bytes:
 
 
 def read(data: bytes) -> Passport:
-    """Read a response of any scale, and let it begin at 0."""
+    """Read a response of any scale, and let it begin at 0.
+
+    Raises
+    ------
+    FormatError
+        For any other content.
+    """
     response = load_array(data).astype(np.float64)
     if response.shape != _SHAPE or not (response > 0).all():
         raise FormatError(f"it has shape {response.shape}; use {_SHAPE} and values above 0")

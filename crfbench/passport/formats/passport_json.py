@@ -23,7 +23,13 @@ def write(passport: Passport) -> bytes:
 
 
 def read(data: bytes) -> Passport:
-    """Read a passport; nothing may be missing, unknown or twice."""
+    """Read a passport; nothing may be missing, unknown or twice.
+
+    Raises
+    ------
+    FormatError
+        For any other content.
+    """
     content = _parse(data)
     if not isinstance(content, dict) or content.get("format") != _KIND:
         raise FormatError(f"it does not say that its format is {_KIND!r}; use a passport that crfbench wrote")

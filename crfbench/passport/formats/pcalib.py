@@ -30,7 +30,13 @@ def write(passport: Passport) -> bytes:
 
 
 def read(data: bytes) -> Passport:
-    """Read the first line, shifted and scaled to run from 0 to 1, as DSO does."""
+    """Read the first line, shifted and scaled to run from 0 to 1, as DSO does.
+
+    Raises
+    ------
+    FormatError
+        For any other content.
+    """
     lines = decode_text(data).splitlines() or [""]
     values = numbers([lines[0].split()], "the first line")[0]
     if len(values) != _LEVELS or not (np.diff(values) > 0).all():

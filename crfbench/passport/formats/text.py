@@ -8,7 +8,13 @@ from crfbench.passport.passport import Passport
 
 
 def decode_text(data: bytes) -> str:
-    """Decode UTF-8, with or without a byte order mark."""
+    """Decode UTF-8, with or without a byte order mark.
+
+    Raises
+    ------
+    FormatError
+        For bytes that are not UTF-8.
+    """
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -16,7 +22,13 @@ def decode_text(data: bytes) -> str:
 
 
 def numbers(rows: list[list[str]], where: str) -> Array:
-    """Turn rows of words, all of one length, into finite numbers, shape (rows, words)."""
+    """Turn rows of words, all of one length, into finite numbers, shape (rows, words).
+
+    Raises
+    ------
+    FormatError
+        For rows of unequal length, none, or words that are no finite numbers.
+    """
     lengths = {len(row) for row in rows}
     if len(lengths) != 1:
         raise FormatError(f"{where} has rows of {sorted(lengths) or 'no'} values; use rows of one length")
@@ -30,7 +42,13 @@ def numbers(rows: list[list[str]], where: str) -> Array:
 
 
 def on_grid(samples: Array) -> Array:
-    """Bring evenly spaced samples of [0, 1], shape (m, c), onto the grid as they are; shape (c, 1024)."""
+    """Bring evenly spaced samples of [0, 1], shape (m, c), onto the grid as they are; shape (c, 1024).
+
+    Raises
+    ------
+    FormatError
+        For fewer than two samples.
+    """
     if len(samples) < 2:
         raise FormatError(f"it has {len(samples)} samples; use two or more")
     x = np.linspace(0.0, 1.0, len(samples))
@@ -43,7 +61,13 @@ def merged(curves: Array) -> Array:
 
 
 def single(passport: Passport, name: str) -> Passport:
-    """Return the passport if it has one curve."""
+    """Return the passport if it has one curve.
+
+    Raises
+    ------
+    InputError
+        For a passport of three curves.
+    """
     if len(passport.curves) != 1:
         raise InputError(f"{name} holds one curve and this passport has 3; use passport.channel('green'), for example")
     return passport

@@ -1,0 +1,161 @@
+"""Whatever bytes come in, every parser gives a valid value or one error of ours, and the originals come back.
+
+The formats of passports, labels of charts and the readers of photographs have further tests of this kind of their own.
+DoRF's .mat is read only where its SHA-256 is the known one.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from safetensors.numpy import save
+
+from crfbench import cli
+from crfbench.charts import load_labels, save_labels
+from crfbench.datasets import dorf, emor_basis, middlebury, opencrf
+from crfbench.errors import CrfbenchError
+from crfbench.history import History
+from crfbench.models import SLR, ready, weights
+from crfbench.models.weights import read_weights
+from crfbench.passport.formats import FORMATS, decode
+from crfbench.passport.passport import Passport
+from crfbench.search.journal import Journal
+from crfbench.search.outcome import Outcome
+from crfbench.tables.recorded import load_recorded
+
+CURVE = np.linspace(0.0, 1.0, 1024) ** 2
+
+
+class Parser(NamedTuple):
+    """How to make a good file, and how to read one."""
+
+    write: Callable[[Path], None]
+    read: Callable[[Path], object]
+
+
+def _text(words: np.ndarray) -> str:
+    return " ".join(map(repr, words.tolist()))
+
+
+def write_dorf(path: Path) -> None:
+    path.write_text(f"film\nscale\nI =\n{_text(np.linspace(0, 1, 1024))}\nB =\n{_text(CURVE)}\n")
+
+
+def write_emor(path: Path) -> None:
+    names = ["E", "f0", *(f"h({i})" for i in range(1, 26))]
+    path.write_text("\n".join(f"{name} =\n{_text(CURVE)}" for name in names))
+
+
+def write_boxes(path: Path) -> None:
+    box = {"position": {"x": 0.25, "y": 0.5}, "rect": {"x": 100, "y": 50}}
+    path.write_text(json.dumps([{"references": [box] * 24}]))
+
+
+def write_history(path: Path) -> None:
+    rows = np.arange(3.0)
+    History("ldl", np.arange(3), {"mse": rows}, np.zeros((3, 4, 1)), np.zeros((3, 9, 65))).save(path)
+
+
+def write_recorded(path: Path) -> None:
+    path.write_text(json.dumps({"provenance": {"command": "x"}, "rows": [{"model": "Gamma", "rmse": 0.5}]}))
+
+
+def write_journal(path: Path) -> None:
+    book = Journal(path, {"seed": 0})
+    book.append(Outcome((50, 20), 500, (1e-3,), (0.03,), 1.5))
+
+
+PARSERS = {
+    "DoRF text": Parser(write_dorf, lambda path: dorf.parse_dorf_text(path.read_text(encoding="latin-1"))),
+    "EMoR": Parser(write_emor, lambda path: emor_basis.parse_emor(path.read_text(encoding="latin-1"))),
+    "boxes": Parser(write_boxes, lambda path: middlebury.parse_boxes(path.read_text(encoding="latin-1"), 600, 400)),
+    "weights": Parser(lambda path: SLR((2,)).save(path), read_weights),
+    "history": Parser(write_history, History.load),
+    "record": Parser(write_recorded, lambda path: load_recorded(path.stem, path.parent)),
+    "journal": Parser(write_journal, lambda path: Journal(path, {"seed": 0}).outcomes),
+    "labels": Parser(
+        lambda path: save_labels(path, {"a": [(0.1, 0.1), (0.9, 0.1), (0.9, 0.9), (0.1, 0.9)]}), load_labels
+    ),
+    "times": Parser(
+        lambda path: path.write_text("1,2.5,1e3"), lambda path: cli._times(path.read_text(encoding="latin-1"))
+    ),
+    **{
+        f"passport as {name}": Parser(
+            lambda path, name=name: path.write_bytes(FORMATS[name].write(Passport("inverse", CURVE))),
+            lambda path, name=name: decode(name, path.read_bytes()),
+        )
+        for name in FORMATS
+        if name != "hugin"  # needs the EMoR basis; tests/test_passport.py has it
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("parsers")
+
+
+def damage(content: bytes) -> st.SearchStrategy[bytes]:
+    """Cut, overwrite or insert, near the head as often as anywhere."""
+    place = st.integers(0, min(100, len(content))) | st.integers(0, len(content))
+    patch = st.binary(max_size=6) | st.sampled_from([b"NaN", b"1e999", b"null", b"[" * 3000, b"-1", b'"', b"\n", b"{}"])
+    cut = st.builds(lambda i, n, new: content[:i] + new + content[i + n :], place, st.integers(0, 40), patch)
+    return st.binary(max_size=60) | place.map(lambda i: content[:i]) | cut
+
+
+@pytest.mark.parametrize("name", PARSERS)
+def test_a_good_file_is_read_twice_the_same(folder, name):
+    path = folder / "good.json"
+    path.unlink(missing_ok=True)
+    PARSERS[name].write(path)
+    first, second = PARSERS[name].read(path), PARSERS[name].read(path)
+    assert str(first) == str(second)
+    assert str(first)
+
+
+@pytest.mark.parametrize("name", PARSERS)
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_bytes_give_a_value_or_an_error_of_ours(folder, name, data):
+    path = folder / "any.json"
+    path.unlink(missing_ok=True)
+    PARSERS[name].write(path)
+    path.write_bytes(data.draw(damage(path.read_bytes())))
+    try:
+        PARSERS[name].read(path)
+    except CrfbenchError as error:
+        assert 10 < len(str(error)) < 400  # noqa: PT017
+        assert "\n" not in str(error).strip()  # noqa: PT017
+
+
+@pytest.mark.parametrize("card", ["", "no JSON", "[" * 5000, "[1]", "{}"])
+def test_weights_with_a_card_of_another_kind_are_refused(folder, card):
+    arrays = {"latents": np.zeros((2, 1), np.float32)}
+    metadata = {"format": weights.FORMAT, "card": card, "sha256": weights._checksum(card, arrays)}
+    (folder / "card.safetensors").write_bytes(save(arrays, metadata))
+    with pytest.raises(CrfbenchError, match="lacks latents or one of"):
+        read_weights(folder / "card.safetensors")
+
+
+@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04 cut"])
+def test_a_damaged_shipped_file_asks_for_another_install(monkeypatch, folder, content):
+    path = folder / "shipped.npz"
+    path.write_bytes(content)
+    for module, load in ((opencrf, opencrf.load_opencrf), (ready, lambda: ready.load_model("Gamma"))):
+        monkeypatch.setattr(module, "shipped", lambda name: path)
+        with pytest.raises(CrfbenchError, match="install crfbench again"):
+            load()
+
+
+def test_a_file_that_is_no_journal_is_left_as_it_is(folder):
+    path = folder / "photograph.jpg"
+    for content in (b"\xff\xd8 without a line", b"first\nsecond, cut", b'{"rows": []}\n{"x'):
+        path.write_bytes(content)
+        with pytest.raises(CrfbenchError, match="no journal of a search"):
+            Journal(path, {"seed": 0})
+        assert path.read_bytes() == content
