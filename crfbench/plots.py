@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from crfbench.charts.geometry import chart_boxes
 from crfbench.curves import GRID, Direction, axis_labels
-from crfbench.errors import InputError
 from crfbench.history import History
 from crfbench.search.result import architecture, mark_choice, pareto_front
 

@@ -19,6 +19,7 @@ from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, patch_arrays, pat
 from crfbench.errors import CrfbenchError, InputError
 from crfbench.metrics import rmse
 from crfbench.models import GGCM, Gamma, load_model
+from crfbench.plots import plot_calibration
 from crfbench.numerics import normal_equations
 from crfbench.tables.calibration import chart_observations
 
@@ -434,18 +435,17 @@ def test_dots_lie_at_the_curve_less_their_residuals(pair):
         assert np.ptp(share) < 1e-9 * share[0]
         residual = np.log(np.interp(brightness, GRID, pair.curves[index]) / irradiance)
         assert np.allclose(residual, pair.residuals[index, 0, counted])
-    with pytest.raises(InputError, match="index=2 does not fit; there are 2"):
-        pair.plot(2)
-    with pytest.raises(InputError, match="index=-3 does not fit"):
-        pair.plot(-3)
+    for index in (2, -3):
+        with pytest.raises(InputError, match=f"index={index} does not fit; use a whole number from 0 to 1"):
+            plot_calibration(pair, index)
 
 
 def test_the_set_asked_for_is_drawn(pair):
     for index in (0, 1, -1):
-        ax = pair.plot(index)
+        ax = plot_calibration(pair, index)
         assert any(np.array_equal(line.get_ydata(), pair.curves[index]) for line in ax.get_lines())
         drawn = len(ax.get_lines())
-        assert pair.plot(index, ax) is ax
+        assert plot_calibration(pair, index, ax) is ax
         assert len(ax.get_lines()) > drawn
     plt.close("all")
 

@@ -13,7 +13,6 @@ from crfbench.calibration import Observations, calibrate
 from crfbench.curves import GRID
 from crfbench.datasets import load_opencrf, load_patches
 from crfbench.datasets.middlebury import patch_intensity
-from crfbench.errors import InputError
 from crfbench.models import load_model
 from crfbench.paper import FITTING
 from crfbench.results import comparison
@@ -138,8 +137,6 @@ def test_calibration_draws_what_is_put_beside_it_and_residuals_leave_clipped_pat
     brightness, reference = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 1.0]]), np.array([0.05, 0.15, 0.4])
     result = calibrate(load_model("Gamma", 1, "inverse"), Observations(brightness, reference, clipped=clipped), "map")
     assert np.allclose(drawn(plots.plot_calibration(result, beside={"truth": GRID**2}))[-1], GRID**2)
-    with pytest.raises(InputError, match="index=1 does not fit; use a whole number from 0 to 0"):
-        plots.plot_calibration(result, 1)
     shown = plots.plot_residuals(result).get_lines()[-1]
     np.testing.assert_allclose(shown.get_xdata(), brightness[~clipped])
     np.testing.assert_allclose(shown.get_ydata(), 100 * result.residuals[0][~clipped])
