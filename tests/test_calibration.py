@@ -19,8 +19,8 @@ from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, patch_arrays, pat
 from crfbench.errors import CrfbenchError, InputError
 from crfbench.metrics import rmse
 from crfbench.models import GGCM, Gamma, load_model
-from crfbench.plots import plot_calibration
 from crfbench.numerics import normal_equations
+from crfbench.plots import plot_calibration
 from crfbench.tables.calibration import chart_observations
 
 SHARP = Noise(brightness=1e-3, exposure=1e-3)
