@@ -101,7 +101,14 @@ def index_body() -> str:
 def markdown_to_html(markdown: str) -> str:
     """Return Markdown as HTML, without a mark to link to behind each heading."""
     renderer = IPythonRenderer(escape=False, exclude_anchor_links=True)
-    return str(MarkdownWithMath(renderer=renderer).render(markdown))
+    page = str(MarkdownWithMath(renderer=renderer).render(markdown))
+    tables = re.compile("<table>.*?</table>", flags=re.DOTALL)
+    return tables.sub(lambda table: _scrolling(table[0], "Table"), page)
+
+
+def _scrolling(table: str, label: str) -> str:
+    """Let a wide table scroll, by keyboard too."""
+    return f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">{table}</div>'
 
 
 def _notebooks() -> Iterator[tuple[Path, str, str]]:
@@ -145,9 +152,7 @@ def _show(output: NotebookNode, name: str, source: str, heading: str) -> None:
     if "application/vnd.jupyter.widget-view+json" in data:
         output.data = NotebookNode({"text/html": _widget(data["text/plain"], name)})
     elif "<table" in data.get("text/html", ""):
-        # Wide tables scroll, by keyboard too.
-        region = f'<div class="scroll" role="region" tabindex="0" aria-label="Table of {name}">'
-        data["text/html"] = f"{region}{_table(data['text/html'])}</div>"
+        data["text/html"] = _scrolling(_table(data["text/html"]), f"Table of {name}")
     elif "image/png" in data:
         size = "".join(f' {side}="{n}"' for side, n in output.metadata.get("image/png", {}).items())
         text = html.escape(_figure_text(source, heading))
