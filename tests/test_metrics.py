@@ -26,6 +26,19 @@ def test_rmse_broadcasts_pairs():
     assert pairs[0, 1] == pytest.approx(np.linalg.norm(GRID - GRID**2) / np.sqrt(1024))
 
 
+@pytest.mark.parametrize(("a", "b"), [(GRID, GRID[1:]), (GRID[:0], GRID[:0])])
+def test_what_cannot_be_compared_is_refused(a, b):
+    with pytest.raises(InputError, match=rf"a has shape \({len(a)},\) and b \({len(b)},\); use .*which broadcast"):
+        metrics.rmse(a, b)
+
+
+@pytest.mark.parametrize("judge", [metrics.nonmonotone, metrics.out_of_range, metrics.off_endpoints])
+def test_what_is_no_batch_of_curves_is_refused(judge):
+    for shape in ((2, 2, 1024), (0, 1024)):
+        with pytest.raises(InputError, match=r"use \(n, m\) or \(m,\)"):
+            judge(np.zeros(shape))
+
+
 @given(VALUES)
 def test_summary_agrees_with_independent_formulas(values):
     summary = metrics.summarise(values)
