@@ -69,12 +69,23 @@ def summarise(values: ArrayLike) -> dict[str, float]:
     v = as_finite("values", values)
     if v.ndim != 1 or not v.size:
         raise InputError(f"values of shape {v.shape} cannot be summarised; use a row of one or more numbers")
+    return {name: float(statistic) for name, statistic in statistics(v).items()}
+
+
+def statistics(values: ArrayLike) -> dict[str, Array]:
+    """Return the statistics of `summarise` along the last axis: from shape (..., n) to (...) each.
+
+    Parameters
+    ----------
+    values : array_like, shape (..., n)
+    """
+    v = np.asarray(values, dtype=np.float64)
     return {
-        "mean": float(v.mean()),
-        "median": float(np.median(v)),
-        "sd": float(v.std()),
-        "max": float(v.max()),
-        "p95": float(np.percentile(v, 95)),
+        "mean": v.mean(axis=-1),
+        "median": np.median(v, axis=-1),
+        "sd": v.std(axis=-1),
+        "max": v.max(axis=-1),
+        "p95": np.percentile(v, 95, axis=-1),
     }
 
 

@@ -32,7 +32,14 @@ _PAPER = (
     "Zhao, Ferguson, Zhou and Rafferty 2022, “Representing Camera Response Function by a Single Latent Variable and "
     "Fully Connected Neural Network”"
 )
-_MARKS = {"reproduced": "✓", "holds": "✓", "differs": "✗", "does not hold": "✗", "not comparable": "–"}
+_MARKS = {
+    "reproduced": "✓",
+    "holds": "✓",
+    "differs": "✗",
+    "does not hold": "✗",
+    "undecided": "?",
+    "not comparable": "–",
+}
 #: What stands for matplotlib's colours in a page, which may be dark: there the palette is lighter.
 _PAGE_COLOURS = {
     "#000000": "currentColor",
@@ -104,8 +111,8 @@ def report_body() -> str:
         [
             f"<header><h1>{html.escape(TITLE)}</h1>\n<p>{html.escape(_introduction(claims))}</p></header>",
             f"<main>\n<h2>Verdicts</h2>\n{_counts(claims)}\n{_rules()}",
-            f"<h2>What does not follow, and why</h2>\n{_points(does_not_follow(evidence))}",
             f"<h2>What holds</h2>\n{_points(holds(evidence))}",
+            f"<h2>What does not follow, and why</h2>\n{_points(does_not_follow(evidence))}",
             f"<h2>Figures</h2>\n{''.join(_figure(*figure) for figure in _figures(evidence).values())}",
             "<h2>The latent slider</h2>\n<p>Drag the latent: the page decodes the response by itself.</p>",
             island(latent_slider(), name="latent"),
@@ -151,11 +158,15 @@ def stability_figure(evidence: Evidence) -> Axes:
 
 
 def _introduction(claims: pd.DataFrame) -> str:
+    counts = verdict_counts(claims).loc["all"]
+    comparable = len(claims) - counts["not comparable"]
+    out = counts["reproduced"] + counts["holds"]
     return (
         f"{_PAPER}, represents a camera's response by one number and a small network. Here its {len(claims)} figures "
         "and claims stand beside ours, computed anew from the same data with every model fitted as well as it can be. "
-        "The idea holds up; many figures do not. Where the paper leaves a choice open ours is stated, and a "
-        "difference may lie in that choice."
+        f"The idea holds up. Of the {comparable} that can be compared {out} come out, {counts['undecided']} stay "
+        f"undecided, and {counts['differs'] + counts['does not hold']} do not come out; most of them are cells of "
+        "Table 3. Where the paper leaves a choice open ours is stated, and a difference may lie in that choice."
     )
 
 
@@ -186,7 +197,7 @@ def _points(points: Iterable[Point]) -> str:
 
 def _mark(verdict: str) -> str:
     """Return a verdict with its sign, which tells it without colour."""
-    kind = {"✓": "yes", "✗": "no", "–": "none"}[_MARKS[verdict]]
+    kind = {"✓": "yes", "✗": "no", "?": "none", "–": "none"}[_MARKS[verdict]]
     return f'<span class="verdict {kind}"><span aria-hidden="true">{_MARKS[verdict]}</span> {verdict}</span>'
 
 

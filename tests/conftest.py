@@ -19,7 +19,7 @@ with warnings.catch_warnings(), suppress(ImportError), np.printoptions():
 
 
 # How long an example takes depends on what else the machine does, and says nothing of the code.
-settings.register_profile("crfbench")
+settings.register_profile("crfbench", deadline=None)
 settings.load_profile("crfbench")
 # For mutation testing: the same examples every time, nothing remembered from other mutants, no shrinking, no clock.
 settings.register_profile(

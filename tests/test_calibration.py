@@ -1,5 +1,6 @@
 """One contract for every model and method; optima against brute force; a photograph of nothing unusual breaks it."""
 
+import re
 import time
 import warnings
 
@@ -438,6 +439,11 @@ def test_dots_lie_at_the_curve_less_their_residuals(pair):
     for index in (2, -3):
         with pytest.raises(InputError, match=f"index={index} does not fit; use a whole number from 0 to 1"):
             plot_calibration(pair, index)
+
+
+def test_what_they_are_is_told_in_a_line(pair):
+    assert repr(pair.observations) == "Observations(2 x 1 photographs x 4 patches; reference known)"
+    assert re.fullmatch(r"Calibration\(Gamma\(1\), \w+, 2 sets, \d with warnings\)", repr(pair))
 
 
 def test_the_set_asked_for_is_drawn(pair):

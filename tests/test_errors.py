@@ -33,98 +33,111 @@ SERIES = [np.full((8, 8), level, np.uint8) for level in (50, 100)]
 
 NO_NUMBERS = [None, "abc", np.full(1024, "0.5"), GRID + 1j, [[1.0], [1.0, 2.0]], np.array([object()]), {"a": 1}]
 
+# The last word of each name is what the argument is called in the message.
+
 #: Takes an array as its one argument.
 ARRAYS = {
-    "as_curves": curves.as_curves,
-    "as_valid_curves": curves.as_valid_curves,
-    "invert": curves.invert,
-    "repair": curves.repair,
-    "evaluate": partial(curves.evaluate, RGB),
+    "as_curves curves": curves.as_curves,
+    "as_valid_curves curves": curves.as_valid_curves,
+    "invert curves": curves.invert,
+    "repair curves": curves.repair,
+    "evaluate x": partial(curves.evaluate, RGB),
     "resample x": lambda x: curves.resample(x, GRID),
     "resample y": lambda y: curves.resample(GRID, y),
-    "mse": partial(metrics.mse, GRID),
-    "rmse": lambda a: metrics.rmse(a, GRID),
-    "summarise": metrics.summarise,
-    "total_variance": metrics.total_variance,
-    "nonmonotone": metrics.nonmonotone,
-    "out_of_range": metrics.out_of_range,
-    "off_endpoints": metrics.off_endpoints,
-    "decode": GAMMA.decode,
-    "fit": GAMMA.fit,
-    "encode": SLR((3,)).encode,
-    "EMoR": lambda basis: EMoR(GRID, basis, 1),
+    "mse b": partial(metrics.mse, GRID),
+    "rmse a": lambda a: metrics.rmse(a, GRID),
+    "summarise values": metrics.summarise,
+    "total_variance curves": metrics.total_variance,
+    "nonmonotone curves": metrics.nonmonotone,
+    "out_of_range curves": metrics.out_of_range,
+    "off_endpoints curves": metrics.off_endpoints,
+    "decode params": GAMMA.decode,
+    "fit curves": GAMMA.fit,
+    "encode curves": SLR((3,)).encode,
+    "EMoR curves": lambda basis: EMoR(GRID, basis, 1),
     "hidden": SLR,
     "brightness": lambda b: crfbench.Observations(b, [1, 2, 3]),
-    "from_rgb": lambda rgb: crfbench.Observations.from_rgb(rgb, [1, 2, 3]),
-    "Passport": lambda c: Passport("inverse", c),
+    "from_rgb rgb": lambda rgb: crfbench.Observations.from_rgb(rgb, [1, 2, 3]),
+    "Passport curves": lambda c: Passport("inverse", c),
     "corners": as_corners,
     "labels": grouped_folds,
-    "near_copies": near_copies,
-    "sample_series": lambda e: sample_series(SERIES, e),
-    "merge_series": lambda e: merge_series(SERIES, e, GRID),
+    "near_copies curves": near_copies,
+    "sample_series exposures": lambda e: sample_series(SERIES, e),
+    "merge_series exposures": lambda e: merge_series(SERIES, e, GRID),
     "stops": lambda stops: render_series(GRID, size=(4, 4), stops=stops),
     "illuminant": lambda light: render_chart(GRID, size=(64, 48), illuminant=light),
+}
+
+#: Takes a number, 0 or more.
+TOLERANCES = {
+    "nonmonotone tolerance": lambda tolerance: metrics.nonmonotone(GRID, tolerance),
+    "out_of_range tolerance": lambda tolerance: metrics.out_of_range(GRID, tolerance),
+    "off_endpoints tolerance": lambda tolerance: metrics.off_endpoints(GRID, tolerance),
 }
 
 #: Takes a whole number as its one argument; 0 is none of them.
 COUNTS = {
     "n_params": lambda n: EMoR.from_curves(RGB, n, "forward"),
-    "n_latent": lambda n: SLR((3,), n),
+    "SLR n_params": lambda n: SLR((3,), n),
     "starts": lambda n: crfbench.calibrate(GAMMA, SEEN, "paper", starts=n),
     "n_folds": lambda n: grouped_folds(np.arange(5), n),
-    "Random": Random,
-    "Halving": Halving,
+    "Random n": Random,
+    "Halving rounds": Halving,
     "batch": lambda n: Optuna(batch=n),
     "h1": lambda n: SearchSpace(h1=(n,)),
     "epochs": lambda n: Recipe(epochs=n),
-    "thin": load_history("ldl").thin,
+    "thin count": load_history("ldl").thin,
     "size": lambda n: render_series(GRID, size=(n, 4)),
 }
 
 #: Takes a seed as its one argument.
 SEEDS = {
-    "SLR": lambda seed: SLR((3,), seed=seed),
-    "prior": lambda seed: GAMMA.prior_.sample(3, seed),
-    "calibrate": lambda seed: crfbench.calibrate(GAMMA, SEEN, seed=seed),
-    "decode_table": lambda seed: decode_table(GAMMA, seed=seed),
-    "render_chart": lambda seed: render_chart(GRID, seed),
-    "render_series": lambda seed: render_series(GRID, seed),
-    "stability_table": lambda seed: stability_table(seed=seed),
-    "Random": lambda seed: Random(seed=seed),
-    "Recipe": lambda seed: Recipe(seed=seed),
+    "SLR seed": lambda seed: SLR((3,), seed=seed),
+    "prior seed": lambda seed: GAMMA.prior_.sample(3, seed),
+    "calibrate seed": lambda seed: crfbench.calibrate(GAMMA, SEEN, seed=seed),
+    "decode_table seed": lambda seed: decode_table(GAMMA, seed=seed),
+    "render_chart seed": lambda seed: render_chart(GRID, seed),
+    "render_series seed": lambda seed: render_series(GRID, seed),
+    "stability_table seed": lambda seed: stability_table(seed=seed),
+    "Random seed": lambda seed: Random(seed=seed),
+    "Recipe seed": lambda seed: Recipe(seed=seed),
 }
 
 #: Takes one of some names as its one argument.
 CHOICES = {
     "direction": curves.check_direction,
-    "axis_labels": curves.axis_labels,
-    "load_responses": crfbench.load_responses,
-    "load_model": load_model,
-    "fetch": crfbench.fetch,
-    "calibrate": lambda method: crfbench.calibrate(GAMMA, SEEN, method),
+    "axis_labels direction": curves.axis_labels,
+    "load_responses which": crfbench.load_responses,
+    "load_model (no|name)": load_model,
+    "fetch key": crfbench.fetch,
+    "calibrate method": lambda method: crfbench.calibrate(GAMMA, SEEN, method),
     "constraint": lambda name: Recipe(constraint=name),
 }
 
 
 def cases(table, values):
     return [
-        pytest.param(call, value, id=f"{name}-{i}") for name, call in table.items() for i, value in enumerate(values)
+        pytest.param(call, value, name.split()[-1], id=f"{name}-{i}")
+        for name, call in table.items()
+        for i, value in enumerate(values)
     ]
 
 
 @pytest.mark.parametrize(
-    ("call", "value"),
+    ("call", "value", "name"),
     [
         *cases(ARRAYS, NO_NUMBERS),
+        *cases(TOLERANCES, [-1, "a", None, np.nan]),
         *cases(COUNTS, [0, -1, 1.5, "a", None, np.nan, [1]]),
         *cases(SEEDS, [-1, 1.5, "a", None]),
         *cases(CHOICES, ["sideways", "", None, 3, ["forward"]]),
     ],
 )
-def test_what_does_not_fit_gets_one_sentence(call, value):
+def test_what_does_not_fit_gets_one_sentence(call, value, name):
     with pytest.raises(InputError) as caught:
         call(value)
     sentence = str(caught.value)
+    assert re.match(rf"{name}\b", sentence), sentence
     assert re.search("; (use|there are|list)|there are", sentence), sentence
     assert len(sentence) < 400
     assert "\n" not in sentence.rstrip()

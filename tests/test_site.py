@@ -222,4 +222,4 @@ def test_the_model_does_what_the_page_says(example):
 def test_the_page_says_where_models_are_listed(site, pages):
     source = inspect.getsource(crfbench.models)
     assert "MODELS: dict" in source
-    assert pages[site / "own-model.html"].codes[2].strip() == "Bend: (1,),"
+    assert pages[site / "own-model.html"].codes[2].strip().splitlines()[-1].startswith("Bend: (1,),")

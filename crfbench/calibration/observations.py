@@ -82,6 +82,11 @@ class Observations:
             raise InputError("absolute=True needs both reference and exposures; give them, or leave it out")
         self._check_information()
 
+    def __repr__(self) -> str:
+        n, photographs, patches = self.brightness.shape
+        known = [name for name in ("reference", "exposures") if getattr(self, name) is not None]
+        return f"Observations({n} x {photographs} photographs x {patches} patches; {' and '.join(known)} known)"
+
     def __len__(self) -> int:
         return len(self.brightness)
 

@@ -63,6 +63,10 @@ class Calibration:
     belief: Belief | None = None
     bands: dict[float, tuple[Array, Array]] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        model, warned = f"{self.model.name}({self.model.n_params})", sum(map(bool, self.warnings))
+        return f"Calibration({model}, {self.method}, {len(self)} sets, {warned} with warnings)"
+
     def __len__(self) -> int:
         return len(self.params)
 

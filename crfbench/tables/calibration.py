@@ -14,7 +14,7 @@ from crfbench.curves import Array, evaluate
 from crfbench.datasets import load_patches, load_responses, registry
 from crfbench.datasets.middlebury import N_PATCHES, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays
 from crfbench.errors import InputError
-from crfbench.metrics import rmse, summarise
+from crfbench.metrics import rmse, statistics, summarise
 from crfbench.models import ResponseModel, load_model
 from crfbench.paper import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
 
@@ -183,8 +183,18 @@ def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: 
 
 def bootstrap_means(errors: Array, seed: int = 0) -> Array:
     """Return the means of resampled cameras, shape (2000,), the same resamples for the same seed: pairs stay pairs."""
+    return np.asarray(_resampled(errors, seed).mean(axis=1))
+
+
+def bootstrap_bounds(errors: Array, seed: int = 0) -> dict[str, tuple[float, float]]:
+    """Return the 95 % bounds of each statistic of `crfbench.metrics.summarise`, over resampled cameras."""
+    bounds = {name: np.percentile(drawn, (2.5, 97.5)) for name, drawn in statistics(_resampled(errors, seed)).items()}
+    return {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
+
+
+def _resampled(errors: Array, seed: int) -> Array:
     n = errors.shape[-1]
-    return np.asarray(errors[np.random.default_rng(seed).integers(n, size=(_RESAMPLES, n))].mean(axis=1))
+    return np.asarray(errors[np.random.default_rng(seed).integers(n, size=(_RESAMPLES, n))])
 
 
 def camera_errors(result: Calibration, jpeg: Array, raw: Array) -> Array:

@@ -32,6 +32,8 @@ class Evidence:
         SLR models on unseen curves of DoRF, by seed, recorded.
     calibration : DataFrame
         By the paper's method, recorded, from `crfbench.tables.calibration.calibration_table`.
+    cameras : DataFrame
+        The RMSE of each camera (rows) behind `calibration`, recorded, from `crfbench.tables.calibration.error_frame`.
     stability : DataFrame
         By the paper's method and seed, recorded, from `stability_by_seed`.
     copies : DataFrame
@@ -47,6 +49,7 @@ class Evidence:
     fitting: pd.DataFrame
     held_out: pd.DataFrame
     calibration: pd.DataFrame
+    cameras: pd.DataFrame
     stability: pd.DataFrame
     copies: pd.DataFrame
     search: pd.DataFrame
@@ -62,6 +65,7 @@ def load_evidence() -> Evidence:
         fitting=load_recorded("fitting_dorf")[0],
         held_out=load_recorded("slr_heldout_dorf")[0],
         calibration=calibration[calibration["patches"].astype(str) == "3"],
+        cameras=load_recorded("calibration_paper_cameras")[0].set_index("camera"),
         stability=load_recorded("stability_paper")[0].fillna({"constraint": ""}),
         copies=load_recorded("dorf_copies")[0],
         search=load_recorded("search_dorf")[0],

@@ -12,6 +12,8 @@ from crfbench.tables.statements.finding import Check, Finding, judged
 
 _FITTING = "crfbench.tables.fitting.fitting_table"
 _HERE = "crfbench.tables.statements.fitting"
+#: The ratio up to which "slightly worse" is taken to hold.
+_SLIGHTLY = 1.5
 
 
 def emor_energy(fitting: pd.DataFrame, k: int = 3) -> float:
@@ -41,9 +43,15 @@ def classical_models(evidence: Evidence) -> Finding:
     """Compare the classical models with EMoR, as many parameters each."""
     ours = _means(evidence)
     pairs = [(ours["Gamma", 1], ours["EMoR", 1]), *((ours["Polynomial", k], ours["EMoR", k]) for k in (2, 3, 4))]
-    shown = f"Gamma {scientific(ours['Gamma', 1])}, EMoR {scientific(ours['EMoR', 1])}"
-    why = "With one parameter Table 1 prints the opposite, Gamma five times better than EMoR."
-    return judged(ours=shown, how=_FITTING, holds=all(rival > emor for rival, emor in pairs), why=why)
+    gamma, *polynomial = (rival / emor for rival, emor in pairs)
+    shown = f"Gamma {gamma:.1f} times EMoR's RMSE, Polynomial {min(polynomial):.1f} to {max(polynomial):.1f} times"
+    why = (
+        "Worse they are, as many parameters each, but only Gamma slightly. With one parameter Table 1 prints the "
+        "opposite, Gamma five times better than EMoR."
+    )
+    slightly = [1 < ratio < _SLIGHTLY for ratio in (gamma, *polynomial)]
+    holds = None if any(slightly) and not all(slightly) else all(slightly)
+    return judged(ours=shown, how=_FITTING, holds=holds, why=why)
 
 
 def one_figure(evidence: Evidence) -> Finding:
