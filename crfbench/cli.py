@@ -4,6 +4,7 @@ import datetime
 import json
 import reprlib
 import sys
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -77,7 +78,12 @@ def latents(as_json: AsJson = False) -> None:
     """Latents of the shipped SLR models: how near each constraint brings them to N(0, 1)."""
     from crfbench.tables.latents import latent_table
 
-    _print_tables({"latents of the training curves, shipped models": latent_table()}, as_json)
+    title = (
+        "latents of the training curves, shipped models; kl: divergence of their mean and sd from N(0, 1); ks: "
+        "Kolmogorov-Smirnov distance to it; best_mse and best_rmse: with the best latent of each curve; encoder_mse: "
+        "with the encoder's"
+    )
+    _print_tables({title: latent_table()}, as_json)
 
 
 @table_app.command()
@@ -175,7 +181,7 @@ def calibrate(
 def linearise(
     image: Annotated[Path, typer.Argument(help="JPEG, PNG or TIFF, 8 or 16 bit.")],
     response: Annotated[Path, typer.Option(help="passport.json or any export of it.")],
-    out: Annotated[Path, typer.Option(help="What to write: .exr or .tif (float).")],
+    out: Annotated[Path, typer.Option(help="What to write: .exr, .tif or .hdr (float).")],
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Turn the brightness of an image back into irradiance."""
@@ -297,7 +303,7 @@ def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
         same = [name for name in frame if len(frame) > 1 and frame[name].nunique(dropna=False) == 1]
         told = [f"{name}: {frame[name].iloc[0]}" for name in same if frame[name].notna().all()]
         text = frame.drop(columns=same).to_string(index=False, na_rep="-", float_format=lambda value: f"{value:.3g}")
-        typer.echo("\n".join([title, *told, text, ""]))
+        typer.echo("\n".join([*textwrap.wrap(title, 100), *told, text, ""]))
 
 
 def main() -> None:
