@@ -1,10 +1,27 @@
-"""Writing files so that nothing is ever half-written, nor replaced unasked."""
+"""Files: written so that none is ever half-written or replaced unasked, and read so that damage is noticed."""
 
 import os
 import tempfile
+import zipfile
+import zlib
 from pathlib import Path
 
 from crfbench.errors import InputError
+
+#: What NumPy and zipfile raise on bytes that are no npz file, or one that was cut or altered.
+NPZ_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
+
+
+def check_sums(path: Path) -> None:
+    """Raise one of `NPZ_DAMAGE` unless every checksum of an npz file is right: NumPy interprets bytes before it knows.
+
+    Parameters
+    ----------
+    path : Path
+    """
+    with zipfile.ZipFile(path) as archive:
+        if (broken := archive.testzip()) is not None:
+            raise zipfile.BadZipFile(f"wrong checksum of {broken}")
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:

@@ -1,7 +1,6 @@
 """What happened during a training: losses, learning rate and latents, epoch by epoch."""
 
 import io
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 
 from crfbench.checks import check_count
 from crfbench.errors import FormatError, InputError, MissingDataError
-from crfbench.files import write_atomically
+from crfbench.files import NPZ_DAMAGE, check_sums, write_atomically
 from crfbench.resources import shipped
 
 #: Latents whose decoded curves are kept, and the samples kept of each: every 16th, and the last.
@@ -89,15 +88,12 @@ class History:
         if not path.is_file():
             raise MissingDataError(f"there is no history {path}; use one that History.save wrote")
         try:
-            with zipfile.ZipFile(path) as archive:
-                damaged = archive.testzip()
-            if damaged:
-                raise ValueError(f"{damaged} is damaged")
+            check_sums(path)
             with np.load(path, allow_pickle=False) as file:
                 losses = {name.removeprefix("loss:"): file[name] for name in file.files if name.startswith("loss:")}
                 latents, probes = file["latents"].astype(np.float32), file["probes"].astype(np.float32)
                 return cls(str(file["constraint"]), file["epochs"], losses, latents, probes)
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except NPZ_DAMAGE as error:
             raise FormatError(
                 f"{path.name} is no training history ({error}); use one that History.save wrote"
             ) from None

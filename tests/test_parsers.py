@@ -18,7 +18,7 @@ from safetensors.numpy import save
 from crfbench import cli
 from crfbench.charts import load_labels, save_labels
 from crfbench.datasets import dorf, emor_basis, middlebury, opencrf
-from crfbench.errors import CrfbenchError
+from crfbench.errors import CrfbenchError, FormatError
 from crfbench.history import History
 from crfbench.models import SLR, ready, weights
 from crfbench.models.weights import read_weights
@@ -119,7 +119,7 @@ def test_a_good_file_is_read_twice_the_same(folder, name):
 
 
 @pytest.mark.parametrize("name", PARSERS)
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_bytes_give_a_value_or_an_error_of_ours(folder, name, data):
     path = folder / "any.json"
@@ -159,3 +159,17 @@ def test_a_file_that_is_no_journal_is_left_as_it_is(folder):
         with pytest.raises(CrfbenchError, match="no journal of a search"):
             Journal(path, {"seed": 0})
         assert path.read_bytes() == content
+
+
+def test_a_history_with_a_byte_zeroed_is_refused_or_read(folder):
+    path = folder / "any.json"
+    path.unlink(missing_ok=True)
+    PARSERS["history"].write(path)
+    content, refused = path.read_bytes(), 0
+    for i in range(min(len(content), 200)):
+        path.write_bytes(content[:i] + b"\0" + content[i + 1 :])
+        try:
+            PARSERS["history"].read(path)
+        except FormatError:
+            refused += 1
+    assert refused > 100

@@ -4,8 +4,6 @@
 `data/SOURCES.md` tells where the numbers come from, `scripts/build_opencrf.py` how they were made.
 """
 
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +11,12 @@ import numpy as np
 from crfbench.checks import check_choice
 from crfbench.datasets.responses import Responses
 from crfbench.errors import FormatError
+from crfbench.files import NPZ_DAMAGE, check_sums
 from crfbench.resources import shipped
 
 TIERS = ("core", "hdr", "all")
 
 _LABELS = {"names": "name", "units": "unit", "families": "family", "sources": "source", "licences": "licence"}
-# What NumPy and zipfile raise on bytes that are no npz file, or one that was cut or altered.
-_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def load_opencrf(tier: str = "core") -> Responses:
@@ -51,16 +48,9 @@ def load_opencrf(tier: str = "core") -> Responses:
 def _read(path: Path) -> tuple[Responses, np.ndarray]:
     """Read the whole file: the curves and the tier of each."""
     try:
-        _check_sums(path)
+        check_sums(path)
         with np.load(path, allow_pickle=False) as file:
             labels = {column: tuple(file[key].tolist()) for column, key in _LABELS.items()}
             return Responses("opencrf", file["curves"], **labels), file["tier"]
-    except _DAMAGE as error:
+    except NPZ_DAMAGE as error:
         raise FormatError(f"{path} is missing or damaged ({error}); install crfbench again to restore it") from error
-
-
-def _check_sums(path: Path) -> None:
-    """Raise unless every checksum is right: NumPy itself interprets bytes before their checksum is known."""
-    with zipfile.ZipFile(path) as archive:
-        if (broken := archive.testzip()) is not None:
-            raise zipfile.BadZipFile(f"wrong checksum of {broken}")

@@ -1,12 +1,10 @@
 """Models ready to calibrate with: their basis and prior learned from the DoRF curves beforehand."""
 
-import zipfile
-import zlib
-
 import numpy as np
 
 from crfbench.curves import GRID, Direction, check_direction
 from crfbench.errors import FormatError, InputError
+from crfbench.files import NPZ_DAMAGE
 from crfbench.models.base import Prior, ResponseModel
 from crfbench.models.emor import EMoR
 from crfbench.models.slr import SLR
@@ -14,8 +12,6 @@ from crfbench.models.weights import shipped_weights
 from crfbench.resources import shipped
 
 LEARNED = "data/dorf_priors.npz"
-
-_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -> ResponseModel:
@@ -55,7 +51,7 @@ def load_model(name: str, n_params: int = 1, direction: Direction = "inverse") -
             model.prior_ = Prior(learned[f"{key}.mean"], learned[f"{key}.covariance"])
     except InputError:  # also a ValueError
         raise
-    except _DAMAGE as error:
+    except NPZ_DAMAGE as error:
         raise FormatError(f"{LEARNED} is damaged ({error}); install crfbench again to restore it") from None
     return model
 
