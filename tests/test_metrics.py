@@ -40,6 +40,12 @@ def test_what_is_no_batch_of_curves_is_refused(judge):
         assert str(caught.value) == f"curves have shape {shape}; use (n, m) or (m,)"
 
 
+def test_statistics_of_rows_are_the_summaries_of_each():
+    rows = np.random.default_rng(0).integers(0, 200, (4, 9)).astype(np.uint8)
+    for name, found in metrics.statistics(rows).items():
+        assert found == pytest.approx([metrics.summarise(row)[name] for row in rows])
+
+
 @given(VALUES)
 def test_summary_agrees_with_independent_formulas(values):
     summary = metrics.summarise(values)
