@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from pkgutil import walk_packages
 
@@ -103,7 +104,8 @@ def markdown_to_html(markdown: str) -> str:
     renderer = IPythonRenderer(escape=False, exclude_anchor_links=True)
     page = str(MarkdownWithMath(renderer=renderer).render(markdown))
     tables = re.compile("<table>.*?</table>", flags=re.DOTALL)
-    return tables.sub(lambda table: _scrolling(table[0], "Table"), page)
+    number = count(1)
+    return tables.sub(lambda table: _scrolling(table[0], f"Table {next(number)}"), page)
 
 
 def _scrolling(table: str, label: str) -> str:
