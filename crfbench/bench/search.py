@@ -122,9 +122,9 @@ def main() -> None:
     report(compare(responses, options.sample))
     start = time.perf_counter()
     halved = naive_search(responses, strategy=Halving())
+    print(f"successive halving: {(time.perf_counter() - start) / 60:.1f} min, chooses {halved.chosen}")
     for growth in growths():
         print_growth(growth)
-    print(f"successive halving: {(time.perf_counter() - start) / 60:.1f} min, chooses {halved.chosen}")
 
 
 def report(compared: Compared) -> None:
