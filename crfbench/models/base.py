@@ -2,7 +2,7 @@
 
 A model turns parameters ``(n, k)`` into curves ``(n, 1024)`` of one direction. To add one, write a class with
 `from_curves`, `decode`, `jacobian` and `fit` in a file of its own and give it a line in the table ``MODELS`` of
-``models/__init__.py``, with the numbers of parameters to tabulate it with:
+``models/table.py``, with the numbers of parameters to tabulate it with:
 
 >>> import numpy as np
 >>> from crfbench.models import Gamma

@@ -8,6 +8,7 @@ from crfbench.files import NPZ_DAMAGE
 from crfbench.models.base import Prior, ResponseModel
 from crfbench.models.emor import EMoR
 from crfbench.models.slr import SLR
+from crfbench.models.table import MODELS
 from crfbench.models.weights import shipped_weights
 from crfbench.resources import shipped
 
@@ -70,7 +71,5 @@ def _bare(name: str, n_params: int, direction: Direction, learned: "np.lib.npyio
     if name == EMoR.name:
         basis = learned[f"basis-{direction}"].astype(np.float64)
         return EMoR(basis[0], basis[1:], n_params, direction)
-    from crfbench.models import MODELS  # the table of all models, which imports this module
-
     (kind,) = [kind for kind in MODELS if kind.name == name]
     return kind.from_curves(GRID, n_params, direction)
