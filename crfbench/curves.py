@@ -19,6 +19,8 @@ N_SAMPLES = 1024
 GRID: Array = np.linspace(0.0, 1.0, N_SAMPLES)
 GRID.flags.writeable = False
 
+# Models overshoot 1 by little; curves of 8-bit values exceed this.
+_MOST = 10.0
 # A slope this small makes plateaus invertible and moves no sample by more than itself.
 _TILT = 1e-6
 
@@ -50,7 +52,7 @@ def as_curves(curves: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        For another shape, no curve at all, or values that are not finite.
+        For another shape, no curve at all, values that are not finite, or on another scale than 0 to 1.
     """
     batch = np.atleast_2d(as_numbers("curves", curves))
     if batch.ndim != 2 or batch.shape[1] != N_SAMPLES or not len(batch):
@@ -58,6 +60,9 @@ def as_curves(curves: ArrayLike) -> Array:
     if not np.isfinite(batch).all():
         row = int(np.argmin(np.isfinite(batch).all(axis=1)))
         raise InputError(f"curve {row} holds NaN or infinite values; use finite samples in [0, 1]")
+    if (most := np.abs(batch).max(axis=1)).max() > _MOST:
+        row = int(np.argmax(most > _MOST))
+        raise InputError(f"curve {row} reaches {most[row]:.4g}; use samples on a scale of 0 to 1")
     return batch
 
 
