@@ -20,6 +20,8 @@ def main() -> None:
     print(record(near_copy_counts(), "dorf_copies", provenance).name)
     print(record(stability_by_seed(), "stability_paper", provenance).name)
     print(record(trainings_by_seed(), "slr_trainings_dorf", provenance).name)
+    forward = trainings_by_seed(["ldl"], direction="forward")
+    print(record(forward, "slr_forward_trainings_dorf", provenance).name)
     cameras = error_frame("3", "paper", rows=list(CALIBRATION))[list(map(_name, CALIBRATION))].reset_index()
     print(record(cameras, "calibration_paper_cameras", provenance).name)
     print(record(measured_leaderboard(), "leaderboard", provenance).name)

@@ -229,12 +229,20 @@ def test_recorded_stability_is_what_the_function_gives(evidence):
     np.testing.assert_allclose(ours["mean_rmse"], recorded["mean_rmse"], rtol=0.05)
 
 
+def test_the_shipped_weights_are_one_of_the_trainings_that_span_their_row(evidence):
+    ours = evidence.fitting.query("model == 'SLR-ldl' and n_params == 1 and direction == 'forward'")
+    first = evidence.forward_trainings.set_index("seed").loc[0, "mean_rmse"]
+    assert ours.query("split == 'in-sample'")["mean_rmse"].item() == pytest.approx(first, rel=1e-4)
+    assert evidence.forward_trainings["mean_rmse"].min() < first < evidence.forward_trainings["mean_rmse"].max()
+
+
 @pytest.mark.dorf
 def test_recorded_trainings_are_what_the_function_gives(dorf_curves, evidence):
     ours = trainings_by_seed(["ldl"], [2]).iloc[0]
     recorded = evidence.trainings.query("constraint == 'ldl' and seed == 2").iloc[0]
     for column in ("mean", "sd", "ks"):
         assert ours[column] == pytest.approx(recorded[column], abs=0.02)
+    assert ours["mean_rmse"] == pytest.approx(recorded["mean_rmse"], rel=0.05)
     assert ours["kl"] < 1e-3
 
 

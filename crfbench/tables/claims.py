@@ -87,9 +87,8 @@ def _statements(evidence: Evidence) -> Iterator[tuple[str, ...]]:
 
 def _fitting(evidence: Evidence) -> Iterator[tuple[str, ...]]:
     rows = evidence.fitting.query("direction == 'forward' and split == 'in-sample'").set_index(["model", "n_params"])
-    seeds = evidence.held_out.query("model == 'SLR-ldl' and n_params == 1 and direction == 'forward'")
-    low, high = seeds["in_sample_mean_rmse"].agg(["min", "max"])
-    spread = {"SLR": f"{scientific(low)} to {scientific(high)} ({len(seeds)} seeds, each trained on four folds)"}
+    seeds = evidence.forward_trainings["mean_rmse"]
+    spread = {"SLR": f"{scientific(seeds.min())} to {scientific(seeds.max())} ({len(seeds)} seeds)"}
     for (model, k), printed in FITTING.items():
         row = rows.loc["SLR-ldl" if model == "SLR" else model, k]
         kind = model if model in _WHY_FITTING else "below" if float(printed) < row["mean_rmse"] else "above"

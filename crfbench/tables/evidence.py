@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from crfbench.curves import Direction
 from crfbench.datasets import load_dorf, load_patches
 from crfbench.datasets.folds import near_copies
 from crfbench.datasets.middlebury import patch_intensity
 from crfbench.history import History
-from crfbench.metrics import total_variance
+from crfbench.metrics import rmse, total_variance
 from crfbench.paper import STABILITY
 from crfbench.tables.calibration import held_out_rmse
 from crfbench.tables.latents import latent_figures
@@ -44,6 +45,8 @@ class Evidence:
         The shipped patch table.
     trainings : DataFrame
         One-latent inverse models by constraint and seed, recorded, from `trainings_by_seed`.
+    forward_trainings : DataFrame
+        Likewise one-latent forward models with LDL.
     """
 
     fitting: pd.DataFrame
@@ -56,6 +59,7 @@ class Evidence:
     search_seeds: pd.DataFrame
     patches: pd.DataFrame
     trainings: pd.DataFrame
+    forward_trainings: pd.DataFrame
 
 
 def load_evidence() -> Evidence:
@@ -72,6 +76,7 @@ def load_evidence() -> Evidence:
         search_seeds=load_recorded("search_seeds_dorf")[0],
         patches=load_patches(),
         trainings=load_recorded("slr_trainings_dorf")[0],
+        forward_trainings=load_recorded("slr_forward_trainings_dorf")[0],
     )
 
 
@@ -110,23 +115,27 @@ def near_copy_counts(tolerance: float = 0.01) -> pd.DataFrame:
     return pd.DataFrame([counts])
 
 
-def trainings_by_seed(constraints: Sequence[str] = CONSTRAINTS, seeds: Sequence[int] = range(5)) -> pd.DataFrame:
-    """Train one-latent models of the inverse responses of DoRF (which must be present) with each constraint and seed.
+def trainings_by_seed(
+    constraints: Sequence[str] = CONSTRAINTS, seeds: Sequence[int] = range(5), direction: Direction = "inverse"
+) -> pd.DataFrame:
+    """Train one-latent models of all curves of DoRF (which must be present) with each constraint and seed.
 
     Returns
     -------
     DataFrame
         One row a training: constraint, seed; ``mean``, ``sd``, ``kl`` and ``ks`` of its latents as in
-        `crfbench.tables.latents.latent_table`; ``settled`` and ``swing`` as in `latent_course`.
+        `crfbench.tables.latents.latent_table`; ``settled`` and ``swing`` as in `latent_course`; ``mean_rmse`` of the
+        best fits to the same curves.
     """
     from crfbench.training import RECIPES, train
 
-    curves, rows = load_dorf().in_direction("inverse"), []
+    curves, rows = load_dorf().in_direction(direction), []
     for constraint in constraints:
         for seed in seeds:
-            model, history = train(curves, "inverse", replace(RECIPES[f"{constraint}-1"], seed=seed))
-            figures = latent_figures(model.weights_["latents"].astype(float))
-            rows.append({"constraint": constraint, "seed": seed, **figures, **latent_course(history)})
+            model, history = train(curves, direction, replace(RECIPES[f"{constraint}-1"], seed=seed))
+            figures = latent_figures(model.weights_["latents"].astype(float)) | latent_course(history)
+            fitted = float(rmse(model.decode(model.fit(curves)), curves).mean())
+            rows.append({"constraint": constraint, "seed": seed, **figures, "mean_rmse": fitted})
     return pd.DataFrame(rows)
 
 
