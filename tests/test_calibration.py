@@ -178,6 +178,24 @@ def test_the_papers_search_takes_the_steps_of_pytorchs_adam(middlebury, rate, st
         assert values[-1] < values[1]
 
 
+@pytest.mark.parametrize("method", ["grid", "paper"])
+def test_how_large_all_weights_are_does_not_matter_to_the_papers_loss(middlebury, method):
+    model, table = ready("SLR-ldl", 1)
+    few = (Observations(middlebury[:3], REFERENCE_IRRADIANCE, weights=w * np.linspace(1, 2, 24)) for w in (1e-3, 1.0))
+    first, second = (calibrate(model, each, method, table=table) for each in few)
+    np.testing.assert_allclose(first.params, second.params, rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["lm", "map"])
+def test_the_seed_decides_the_table(middlebury, method):
+    model, few = ready("GGCM", 3)[0], Observations(middlebury[:2], REFERENCE_IRRADIANCE)
+    by_seed, by_table = (
+        calibrate(model, few, method, seed=5, **options) for options in ({}, {"table": decode_table(model, seed=5)})
+    )
+    assert np.array_equal(by_seed.params, by_table.params)
+    assert not np.array_equal(by_seed.params, calibrate(model, few, method, seed=6).params)
+
+
 def test_of_many_starts_the_papers_search_keeps_the_best(middlebury):
     model, _ = ready("GGCM", 3)
     few = Observations(middlebury[:3], REFERENCE_IRRADIANCE)

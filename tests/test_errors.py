@@ -186,6 +186,8 @@ def test_numbers_of_any_kind_are_taken():
         assert curves.as_curves(given).shape == (1, 1024)
     assert np.isnan(metrics.rmse(np.full(4, np.nan), 0.0))
     assert SLR((np.int64(3),), np.int32(1), seed=np.uint8(1)).n_params == 1
+    with pytest.raises(InputError, match=r"^n=-1"):
+        Prior(np.zeros(1), np.eye(1)).sample(-1, 0)
     assert Prior(np.zeros(1), np.eye(1)).sample(0, 0).shape == (0, 1)
 
 

@@ -253,6 +253,8 @@ def test_emor_refuses_more_parameters_than_components():
         EMoR(GRID, [GRID, GRID**2], n_params=3)
     with pytest.raises(InputError, match="basis of 2; use 1 to 2"):
         EMoR.from_curves(TRAIN["forward"][:3], 3, "forward")
+    two = EMoR.from_curves(TRAIN["forward"][:2], 1, "forward")
+    np.testing.assert_allclose(two.decode(two.fit(TRAIN["forward"][:2])), TRAIN["forward"][:2], atol=1e-12)
 
 
 @pytest.mark.parametrize("n_best", [1, 5])

@@ -47,6 +47,8 @@ def with_nan(values):
         (BRIGHTNESS, {"reference": [1, 2]}, r"reference has shape \(2,\).*use \(1, 3\)"),
         (BRIGHTNESS, {"exposures": [0, 1, 2]}, r"exposures has shape \(3,\).*use \(1, 2\)"),
         (BRIGHTNESS, {"exposures": [30, 4000]}, "exposures span 3970 stops; use stops, the base-2 logarithm"),
+        (BRIGHTNESS, {"reference": REFERENCE, "weights": with_nan(BRIGHTNESS)}, "^weights of shape .* holds NaN"),
+        (BRIGHTNESS, {}, "^neither reference nor exposures are given; use one of them, or both$"),
         (BRIGHTNESS, {"reference": REFERENCE, "weights": [1, 2]}, r"weights has shape \(2,\).*use \(1, 2, 3\)"),
         (BRIGHTNESS, {"reference": REFERENCE, "weights": [1, 2, -1]}, r"weights run from -1 to 2; use 0 to 1e\+06"),
         (BRIGHTNESS, {"reference": REFERENCE, "weights": [1, 2, 1e9]}, r"weights run from 1 to 1e\+09"),
@@ -60,7 +62,7 @@ def test_bad_input_is_refused_with_what_came_in(brightness, others, message):
         Observations(brightness, **others)
 
 
-@pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4, 5, 3), (3,)])
+@pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4), (2, 3, 4, 5, 3), (3,)])
 def test_colours_of_another_shape_are_refused(shape):
     with pytest.raises(InputError, match=rf"rgb has shape {re.escape(str(shape))}"):
         Observations.from_rgb(np.full(shape, 0.5), REFERENCE)

@@ -124,6 +124,11 @@ def test_impossible_networks_are_refused(hidden):
         SLR(hidden)
 
 
+def test_it_says_how_to_make_it_again():
+    assert repr(SLR((6, 4), 2, "inverse", True)) == "SLR(hidden=(6, 4), n_latent=2, direction='inverse', monotone=True)"
+    assert repr(SLR((6,))) == "SLR(hidden=(6,), n_latent=1, direction='forward')"
+
+
 def test_learning_without_training_is_refused():
     with pytest.raises(InputError, match=r"crfbench\.training\.train"):
         SLR.from_curves(np.eye(2), 1, "forward")
@@ -176,6 +181,13 @@ def test_altered_weights_are_refused(tmp_path_factory, data):
     except (FormatError, InputError):
         return
     assert np.array_equal(again.decode([0.1]), model.decode([0.1]))  # the flipped bit was of no consequence
+
+
+def test_weights_that_were_altered_say_so(saved):
+    path = saved[1]
+    path.write_bytes(path.read_bytes()[:-1] + b"\x7f")
+    with pytest.raises(FormatError, match=r"w\.safetensors was altered after it was written \(its checksum differs\)"):
+        SLR.load(path)
 
 
 def test_foreign_weights_are_refused(tmp_path, saved):

@@ -79,7 +79,8 @@ def calibrate(
     if method == "paper":
         free = descend(AlignedLoss(observations, offset), model, len(observations), starts, seed)
     elif method in ("grid", "lm"):
-        free = minimise(AlignedLoss(observations, offset), model, table or decode_table(model, seed=seed))
+        loss, table = AlignedLoss(observations, offset), table or decode_table(model, seed=seed)
+        free = minimise(loss, model, table, loss.on_table(table))
     else:
         posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
         logs = posterior.log_likelihood_on(table)

@@ -17,14 +17,11 @@ _NEAR = 0.01  # a valley of the table this share above the lowest may lie below 
 class Loss(Protocol):
     """What `minimise` needs."""
 
-    def on_table(self, table: Table) -> Array:
-        """Return the loss of every row of a table, shape (n, t)."""
-
     def objective(self, model: ResponseModel, owner: np.ndarray) -> Objective:
         """Return a function with the same minimum for `levenberg_marquardt`."""
 
 
-def minimise(loss: Loss, model: ResponseModel, table: Table, on_table: Array | None = None) -> Array:
+def minimise(loss: Loss, model: ResponseModel, table: Table, values: Array) -> Array:
     """Polish the best few rows of a table, for one parameter its lowest valleys.
 
     Parameters
@@ -32,15 +29,14 @@ def minimise(loss: Loss, model: ResponseModel, table: Table, on_table: Array | N
     loss : Loss
     model : ResponseModel
     table : Table
-    on_table : ndarray, shape (n, t), optional
-        The loss on the table where it is there already.
+    values : ndarray, shape (n, t)
+        The loss of every row of the table.
 
     Returns
     -------
     ndarray, shape (n, k)
         Free parameters.
     """
-    values = loss.on_table(table) if on_table is None else on_table
     owner, rows = _valleys(values) if model.n_params == 1 else _best(values)
     free, cost = levenberg_marquardt(loss.objective(model, owner), table.free[rows], max_steps=30, tolerance=1e-12)
     ranked = np.lexsort((cost, owner))

@@ -48,10 +48,6 @@ class Posterior:
         parts = in_parts(n, e * p * len(table.free))
         return np.concatenate([self.log_likelihood(table.at(self.brightness[rows]), rows) for rows in parts])
 
-    def on_table(self, table: Table) -> Array:
-        """Return minus the log posterior of every row of a table, shape (n, t), up to a constant."""
-        return -(self.log_likelihood_on(table) + table.log_prior)
-
     def objective(self, model: ResponseModel, owner: np.ndarray) -> Objective:
         """Return minus twice the log posterior for `levenberg_marquardt`."""
         prior = learned_prior(model)
