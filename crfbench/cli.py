@@ -1,13 +1,15 @@
 """The command line: ``crfbench data | fetch | table | tables | report | calibrate | linearise | train | ...``."""
 
 import datetime
+import itertools
 import json
 import reprlib
+import shutil
 import sys
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -299,11 +301,25 @@ def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
         return
+    width = shutil.get_terminal_size((sys.maxsize, 0)).columns
     for title, frame in tables.items():
         same = [name for name in frame if len(frame) > 1 and frame[name].nunique(dropna=False) == 1]
         told = [f"{name}: {frame[name].iloc[0]}" for name in same if frame[name].notna().all()]
-        text = frame.drop(columns=same).to_string(index=False, na_rep="-", float_format=lambda value: f"{value:.3g}")
-        typer.echo("\n".join([*textwrap.wrap(title, 100), *told, text, ""]))
+        text = _as_text(frame.drop(columns=same), width)
+        typer.echo("\n".join([*textwrap.wrap(title, min(100, width)), *told, text, ""]))
+
+
+def _as_text(frame: "DataFrame", width: int) -> str:
+    """Write a table; where it is wider than the terminal as several, each with the columns that name the rows."""
+
+    def write(frame: "DataFrame", **how: Any) -> str:
+        return frame.to_string(na_rep="-", float_format=lambda value: f"{value:.3g}", **how)
+
+    whole = write(frame, index=False)
+    if whole.index("\n") <= width:
+        return whole
+    names = itertools.takewhile(lambda column: frame[column].dtype.kind != "f", frame)
+    return write(frame.set_index(list(names)), sparsify=False, line_width=width)
 
 
 def main() -> None:

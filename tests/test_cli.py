@@ -44,6 +44,22 @@ def test_without_dorf_the_recorded_table_stands_beside(run):
     assert done.stdout.count("reproduced") >= 4
 
 
+@pytest.mark.parametrize("width", [20, 80])
+def test_in_a_narrow_terminal_every_part_of_a_table_names_its_rows(monkeypatch, width):
+    wide, narrow = [], []
+    for lines, columns in ((wide, 500), (narrow, width)):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        lines.extend(CliRunner().invoke(cli.app, ["table", "latents"]).stdout.splitlines())
+    whole = next(line.split() for line in wide if "encoder_mse" in line and "model" in line)
+    heads = [line.split() for line in narrow if line.split() and set(line.split()) <= {*whole[4:], "\\"}]
+    assert [name for head in heads for name in head if name != "\\"] == whole[4:]
+    assert sum(line.split() == whole[:4] for line in narrow) == len(heads) > 1
+    names = ["SLR-ldl", "1", "inverse", "ldl"]
+    (row,) = [line.split()[4:] for line in wide if line.split()[:4] == names]
+    assert [value for line in narrow if line.split()[:4] == names for value in line.split()[4:]] == row
+    assert width < 80 or max(map(len, narrow)) <= width
+
+
 def test_data_lists_every_set(run):
     done = run("data", "--json")
     rows = {row["key"]: row for row in json.loads(done.stdout)}
