@@ -241,22 +241,22 @@ def plot_patch_counts(
     return ax
 
 
-def plot_camera_errors(errors: pd.DataFrame, ax: Axes | None = None) -> Axes:
+def plot_camera_rmse(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
     """Draw the RMSE of every camera, one marker a model.
 
     Parameters
     ----------
-    errors : DataFrame
-        Cameras by models, from `crfbench.tables.calibration.error_frame`.
+    table : DataFrame
+        Cameras by models, from `crfbench.tables.calibration.camera_rmse_table`.
     ax : Axes, optional
         By default those of a new figure.
     """
     ax = _axes(ax, 8.0, 5.0)
-    sorted_errors = errors.sort_values(errors.columns[0])
-    for i, name in enumerate(errors.columns):
+    ranked = table.sort_values(table.columns[0])
+    for i, name in enumerate(table.columns):
         colour, marker = PALETTE[i % len(PALETTE)], _MARKERS[i % len(_MARKERS)]
-        ax.plot(sorted_errors[name], range(len(errors)), ls="", marker=marker, color=colour, alpha=0.8, label=name)
-    ax.set_yticks(range(len(errors)), sorted_errors.index)
+        ax.plot(ranked[name], range(len(table)), ls="", marker=marker, color=colour, alpha=0.8, label=name)
+    ax.set_yticks(range(len(table)), ranked.index)
     ax.set(xlabel="RMSE on the other illumination (share of full scale)", xlim=(0, None))
     ax.grid(axis="y", lw=0.3)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")

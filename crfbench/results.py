@@ -16,7 +16,7 @@ from crfbench.datasets.middlebury import patch_intensity
 from crfbench.files import write_atomically
 from crfbench.history import load_history
 from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
-from crfbench.tables.calibration import calibration_table, error_frame
+from crfbench.tables.calibration import calibration_table, camera_rmse_table
 from crfbench.tables.chart_free import chart_free_table
 from crfbench.tables.claims import claims_table
 from crfbench.tables.fitting import fitting_tables
@@ -65,8 +65,8 @@ def _calibrations(folder: Path) -> Iterator[Path]:
         name = "_".join(map(str, filter(None, row)))
         yield from _write_figure(folder / f"stability_{name}", stability_figure(row))
     for patches in ("3", "24"):
-        errors = error_frame(patches, rows=_SHOWN)
-        yield from _write_figure(folder / f"calibration_cameras_{patches}", plots.plot_camera_errors(errors))
+        cameras = camera_rmse_table(patches, rows=_SHOWN)
+        yield from _write_figure(folder / f"calibration_cameras_{patches}", plots.plot_camera_rmse(cameras))
     coverages = {f"{patches} patches": tables[patches, "posterior"] for patches in ("3", "24")}
     yield from _write_figure(folder / "calibration_coverage", plots.plot_coverage(coverages))
 

@@ -5,7 +5,7 @@ Run: python scripts/record_report.py (DoRF must be present), after record_tables
 
 import crfbench
 from crfbench.paper import CALIBRATION
-from crfbench.tables.calibration import error_frame
+from crfbench.tables.calibration import camera_rmse_table
 from crfbench.tables.evidence import near_copy_counts, stability_by_seed, trainings_by_seed
 from crfbench.tables.leaderboard import measured_leaderboard
 from crfbench.tables.recorded import record
@@ -22,7 +22,7 @@ def main() -> None:
     print(record(trainings_by_seed(), "slr_trainings_dorf", provenance).name)
     forward = trainings_by_seed(["ldl"], direction="forward")
     print(record(forward, "slr_forward_trainings_dorf", provenance).name)
-    cameras = error_frame("3", "paper", rows=list(CALIBRATION))[list(map(_name, CALIBRATION))].reset_index()
+    cameras = camera_rmse_table("3", "paper", rows=list(CALIBRATION))[list(map(_name, CALIBRATION))].reset_index()
     print(record(cameras, "calibration_paper_cameras", provenance).name)
     print(record(measured_leaderboard(), "leaderboard", provenance).name)
 

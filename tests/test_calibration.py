@@ -186,6 +186,20 @@ def test_how_large_all_weights_are_does_not_matter_to_the_papers_loss(middlebury
     np.testing.assert_allclose(first.params, second.params, rtol=1e-9)
 
 
+@pytest.mark.parametrize("method", ["grid", "paper"])
+def test_photographs_are_aligned_as_asked(middlebury, method):
+    model, table = ready("SLR-ldl", 1)
+    few, each = Observations(middlebury[:3], REFERENCE_IRRADIANCE), np.arange(3)
+    free = {
+        offset: model.to_free(calibrate(model, few, method, offset=offset, table=table).params)
+        for offset in (True, False)
+    }
+    for asked, other in ((True, False), (False, True)):
+        loss = AlignedLoss(few, asked)
+        best, worse = (np.linalg.norm(loss.evaluate(model, free[key], each)[0], axis=1) for key in (asked, other))
+        assert best.sum() < 0.99 * worse.sum()
+
+
 @pytest.mark.parametrize("method", ["lm", "map"])
 def test_the_seed_decides_the_table(middlebury, method):
     model, few = ready("GGCM", 3)[0], Observations(middlebury[:2], REFERENCE_IRRADIANCE)

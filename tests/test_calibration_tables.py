@@ -69,7 +69,7 @@ def test_bands_hold_their_share_of_held_out_raw():
 def test_differences_are_paired(greys):
     first, second = greys.iloc[0], greys.iloc[1]
     assert first["difference"] == first["difference_low"] == first["difference_high"] == 0
-    frame = calibration.error_frame("3", "map", rows=(LDL, EMOR))
+    frame = calibration.camera_rmse_table("3", "map", rows=(LDL, EMOR))
     paired = frame["EMoR 3"] - frame["SLR ldl 1"]
     np.testing.assert_allclose(second["difference"], paired.mean())
     half_width = 1.96 * paired.std() / np.sqrt(len(paired))

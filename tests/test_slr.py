@@ -93,6 +93,14 @@ def test_single_precision_decodes_the_same(name, k):
     assert fast.dtype == np.float32
     assert np.abs(fast - model.decode(z)).max() < 1e-5
     assert np.array_equal(model.decode_float32(z[7])[0], model.decode_float32(z[7:8])[0])
+    far = np.full((2, k), 30.0) * [[1], [-1]]
+    assert np.abs(model.decode_float32(far) - model.decode(far)).max() < 1e-5
+    assert np.isfinite(model.decode_float32(1e4 * far)).all()
+
+
+def test_a_fit_is_the_same_every_time():
+    curve = SLR.load("vae", 3, "inverse").decode([[0.4, -0.3, 0.2]]) ** 1.1
+    assert np.array_equal(*(SLR.load("ldl", 3, "inverse").fit(curve) for _ in range(2)))
 
 
 def test_a_whole_name_loads_the_same_weights():
@@ -204,7 +212,9 @@ def test_foreign_weights_are_refused(tmp_path, saved):
         SLR.load(text)
     with pytest.raises(MissingDataError, match=r"no weights file .*gone\.safetensors"):
         SLR.load(tmp_path / "gone.safetensors")
-    with pytest.raises(InputError, match="no shipped weights 'ldl-2-inverse'; there are: aae-1-forward"):
+    with pytest.raises(
+        InputError, match="no shipped weights 'ldl-2-inverse'; there are: aae-1-forward, aae-1-inverse,"
+    ):
         SLR.load("ldl", 2)
 
 

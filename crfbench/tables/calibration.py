@@ -87,7 +87,7 @@ def calibration_table(
     subsets = _subsets(patches, seed)
     results = [_calibrated(row, chart, subsets, (method, channel, seed)) for row in rows]
     listed = [(row, method, *result) for row, result in zip(rows, results, strict=True)]
-    listed += [((name, "", 0), "floor", errors, np.nan, np.nan) for name, errors in _floors(chart, channel)]
+    listed += [((name, "", 0), "floor", cameras, np.nan, np.nan) for name, cameras in _floors(chart, channel)]
     first = results[0][0]
     return pd.DataFrame(
         [_row(entry, (patches, channel), first, seed) for entry in listed],
@@ -95,17 +95,17 @@ def calibration_table(
     )
 
 
-def error_frame(patches: str = "3", method: str = "map", rows: Sequence[tuple[str, str, int]] = ROWS) -> pd.DataFrame:
+def camera_rmse_table(
+    patches: str = "3", method: str = "map", rows: Sequence[tuple[str, str, int]] = ROWS
+) -> pd.DataFrame:
     """Return the RMSE of every camera (rows) with every model (columns), as `calibration_table` summarises it."""
-    chart = patch_arrays(load_patches())
-    errors = {
-        " ".join(map(str, filter(None, row))): _calibrated(row, chart, _subsets(patches, 0), (method, "intensity", 0))[
-            0
-        ]
+    chart, subsets = patch_arrays(load_patches()), _subsets(patches, 0)
+    found = {
+        " ".join(map(str, filter(None, row))): _calibrated(row, chart, subsets, (method, "intensity", 0))[0]
         for row in rows
     }
     floors = dict(list(_floors(chart, "intensity"))[:1])
-    return pd.DataFrame({**errors, **floors}, index=pd.Index(chart.cameras, name="camera"))
+    return pd.DataFrame({**found, **floors}, index=pd.Index(chart.cameras, name="camera"))
 
 
 def table_model(row: tuple[str, str, int]) -> ResponseModel:
@@ -181,26 +181,26 @@ def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: 
     return float(((off >= -np.hypot(below, _Z90 * error)) & (off <= np.hypot(above, _Z90 * error))).mean())
 
 
-def bootstrap_means(errors: Array, seed: int = 0) -> Array:
+def bootstrap_means(values: Array, seed: int = 0) -> Array:
     """Return the means of resampled cameras, shape (2000,), the same resamples for the same seed: pairs stay pairs."""
-    return np.asarray(_resampled(errors, seed).mean(axis=1))
+    return np.asarray(_resampled(values, seed).mean(axis=1))
 
 
-def bootstrap_bounds(errors: Array, seed: int = 0) -> dict[str, tuple[float, float]]:
+def bootstrap_bounds(values: Array, seed: int = 0) -> dict[str, tuple[float, float]]:
     """Return the 95 % bounds of each statistic of `crfbench.metrics.summarise`, over resampled cameras."""
-    bounds = {name: np.percentile(drawn, (2.5, 97.5)) for name, drawn in statistics(_resampled(errors, seed)).items()}
+    bounds = {name: np.percentile(drawn, (2.5, 97.5)) for name, drawn in statistics(_resampled(values, seed)).items()}
     return {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
 
 
-def _resampled(errors: Array, seed: int) -> Array:
-    n = errors.shape[-1]
-    return np.asarray(errors[np.random.default_rng(seed).integers(n, size=(_RESAMPLES, n))])
+def _resampled(values: Array, seed: int) -> Array:
+    n = values.shape[-1]
+    return np.asarray(values[np.random.default_rng(seed).integers(n, size=(_RESAMPLES, n))])
 
 
-def camera_errors(result: Calibration, jpeg: Array, raw: Array) -> Array:
+def camera_rmse(result: Calibration, jpeg: Array, raw: Array) -> Array:
     """Return the RMSE of each camera, averaged over both ways (and over subsets), shape (c,)."""
-    errors = held_out_rmse(result.curves, jpeg, raw)
-    return errors.reshape(-1, len(jpeg) // _ILLUMINATIONS, _ILLUMINATIONS).mean(axis=(0, 2))
+    each = held_out_rmse(result.curves, jpeg, raw)
+    return each.reshape(-1, len(jpeg) // _ILLUMINATIONS, _ILLUMINATIONS).mean(axis=(0, 2))
 
 
 def _calibrated(
@@ -211,9 +211,9 @@ def _calibrated(
     model = table_model(row)
     observations, jpeg, raw = chart_observations(chart, channel)
     results = [calibrate(model, observations.take(subset), method, seed=seed) for subset in subsets]
-    errors = np.mean([camera_errors(result, jpeg, raw) for result in results], axis=0)
+    cameras = np.mean([camera_rmse(result, jpeg, raw) for result in results], axis=0)
     covered = [coverage(result, observations, jpeg, raw) for result in results if result.bands]
-    return errors, float(np.mean(covered)) if covered else np.nan, sum(result.seconds for result in results)
+    return cameras, float(np.mean(covered)) if covered else np.nan, sum(result.seconds for result in results)
 
 
 def _floors(chart: PatchArrays, channel: str) -> Iterator[tuple[str, Array]]:
@@ -228,18 +228,18 @@ def _floors(chart: PatchArrays, channel: str) -> Iterator[tuple[str, Array]]:
         yield f"nearest {responses.dataset} curve", _per_camera(rmse(decoded, raw[:, None]).min(axis=1))
 
 
-def _per_camera(errors: Array) -> Array:
-    return errors.reshape(-1, _ILLUMINATIONS).mean(axis=1)
+def _per_camera(values: Array) -> Array:
+    return values.reshape(-1, _ILLUMINATIONS).mean(axis=1)
 
 
 def _row(
     entry: tuple[tuple[str, str, int], str, Array, float, float], where: tuple[str, str], first: Array, seed: int
 ) -> dict[str, object]:
-    key, method, errors, covered, seconds = entry
-    low, high = np.percentile(bootstrap_means(errors, seed), (2.5, 97.5))
-    apart = np.percentile(bootstrap_means(errors - first, seed), (2.5, 97.5))
+    key, method, cameras, covered, seconds = entry
+    low, high = np.percentile(bootstrap_means(cameras, seed), (2.5, 97.5))
+    apart = np.percentile(bootstrap_means(cameras - first, seed), (2.5, 97.5))
     figures = dict(zip(CALIBRATION_COLUMNS, CALIBRATION[key], strict=True)) if key in CALIBRATION else {}
-    statistics = summarise(errors)
+    statistics = summarise(cameras)
     return {
         **dict(zip(("model", "constraint", "n_params"), key, strict=True)),
         **dict(zip(("patches", "channel"), where, strict=True)),
@@ -247,7 +247,7 @@ def _row(
         **statistics,
         "low": low,
         "high": high,
-        "difference": float((errors - first).mean()),
+        "difference": float((cameras - first).mean()),
         "difference_low": apart[0],
         "difference_high": apart[1],
         "beyond_0.005": bool(apart[0] > SIGNIFICANT_RMSE or apart[1] < -SIGNIFICANT_RMSE),

@@ -42,14 +42,14 @@ def chart_free_table(method: str = "posterior") -> pd.DataFrame:
     chart = patch_arrays(load_patches())
     _, jpeg, raw = chart_observations(chart)
     rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}
-    errors = {name: _errors(curves, jpeg, raw) for name, (curves, _) in rivals.items()}
+    theirs = {name: _camera_rmse(curves, jpeg, raw) for name, (curves, _) in rivals.items()}
     rows = []
     for family, constraint, k in ROWS:
         curves, seconds = _timed(partial(chart_free_curves, chart, (family, constraint, k), method))
         rows.append(((family, constraint, k, method), curves, seconds))
     rows += [((f"OpenCV {name}", "", 0, "opencv"), *timed) for name, timed in rivals.items()]
     return pd.DataFrame(
-        [_row(key, curves, seconds, _errors(curves, jpeg, raw), errors) for key, curves, seconds in rows],
+        [_row(key, curves, seconds, _camera_rmse(curves, jpeg, raw), theirs) for key, curves, seconds in rows],
         columns=list(COLUMNS),
     )
 
@@ -98,7 +98,7 @@ def _timed(run: Callable[[], Array]) -> tuple[Array, float]:
     return curves, time.perf_counter() - began
 
 
-def _errors(curves: Array, jpeg: Array, raw: Array) -> Array:
+def _camera_rmse(curves: Array, jpeg: Array, raw: Array) -> Array:
     """Return the RMSE of each camera, both illuminations averaged; NaN where both failed."""
     decoded = evaluate(curves, jpeg)
     scale = (decoded * raw).sum(axis=1) / (decoded**2).sum(axis=1)
@@ -108,15 +108,15 @@ def _errors(curves: Array, jpeg: Array, raw: Array) -> Array:
 
 
 def _row(
-    key: tuple[str, str, int, str], curves: Array, seconds: float, errors: Array, rivals: dict[str, Array]
+    key: tuple[str, str, int, str], curves: Array, seconds: float, cameras: Array, rivals: dict[str, Array]
 ) -> dict[str, object]:
-    below = {name: (errors <= rival) | np.isnan(rival) for name, rival in rivals.items()}
+    below = {name: (cameras <= rival) | np.isnan(rival) for name, rival in rivals.items()}
     finite = np.isfinite(curves).all(axis=1)
     return {
         **dict(zip(("model", "constraint", "n_params", "method"), key, strict=True)),
-        "mean": float(np.nanmean(errors)),
-        "median": float(np.nanmedian(errors)),
-        "max": float(np.nanmax(errors)),
+        "mean": float(np.nanmean(cameras)),
+        "median": float(np.nanmedian(cameras)),
+        "max": float(np.nanmax(cameras)),
         "below_debevec": int(below["Debevec"].sum()),
         "below_robertson": int(below["Robertson"].sum()),
         "below_both": int((below["Debevec"] & below["Robertson"]).sum()),

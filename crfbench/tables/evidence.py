@@ -34,7 +34,8 @@ class Evidence:
     calibration : DataFrame
         By the paper's method, recorded, from `crfbench.tables.calibration.calibration_table`.
     cameras : DataFrame
-        The RMSE of each camera (rows) behind `calibration`, recorded, from `crfbench.tables.calibration.error_frame`.
+        The RMSE of each camera (rows) behind `calibration`, recorded, from
+        `crfbench.tables.calibration.camera_rmse_table`.
     stability : DataFrame
         By the paper's method and seed, recorded, from `stability_by_seed`.
     copies : DataFrame

@@ -11,7 +11,7 @@ from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import N_PATCHES, patch_arrays
 from crfbench.models import MODELS, SLR, EMoR, ResponseModel
 from crfbench.models.weights import shipped_weights
-from crfbench.tables.calibration import THREE_GREYS, camera_errors, chart_observations, coverage, table_model
+from crfbench.tables.calibration import THREE_GREYS, camera_rmse, chart_observations, coverage, table_model
 from crfbench.tables.recorded import load_recorded
 
 #: Column by column, what it holds; all of inverse responses, the direction that calibration uses.
@@ -102,8 +102,8 @@ def _calibration_figures(model: ResponseModel) -> dict[str, float]:
     bands = calibrate(model, observations.take(np.arange(N_PATCHES)), "posterior")
     return {
         "steepest_slope": steepest_slope(every.curves),
-        "calibration_3": float(camera_errors(three, jpeg, raw).mean()),
-        "calibration_24": float(camera_errors(every, jpeg, raw).mean()),
+        "calibration_3": float(camera_rmse(three, jpeg, raw).mean()),
+        "calibration_24": float(camera_rmse(every, jpeg, raw).mean()),
         "coverage": coverage(bands, observations, jpeg, raw),
     }
 
