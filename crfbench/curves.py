@@ -19,7 +19,7 @@ N_SAMPLES = 1024
 GRID: Array = np.linspace(0.0, 1.0, N_SAMPLES)
 GRID.flags.writeable = False
 
-# Models overshoot 1 by little; curves of 8-bit values exceed this.
+# Measured curves overshoot 1 by little; those of 8-bit values exceed this.
 _MOST = 10.0
 # A slope this small makes plateaus invertible and moves no sample by more than itself.
 _TILT = 1e-6
@@ -52,7 +52,7 @@ def as_curves(curves: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        For another shape, no curve at all, values that are not finite, or on another scale than 0 to 1.
+        For another shape, no curve at all, or values that are not finite.
     """
     batch = np.atleast_2d(as_numbers("curves", curves))
     if batch.ndim != 2 or batch.shape[1] != N_SAMPLES or not len(batch):
@@ -60,7 +60,20 @@ def as_curves(curves: ArrayLike) -> Array:
     if not np.isfinite(batch).all():
         row = int(np.argmin(np.isfinite(batch).all(axis=1)))
         raise InputError(f"curve {row} holds NaN or infinite values; use finite samples in [0, 1]")
-    if (most := np.abs(batch).max(axis=1)).max() > _MOST:
+    return batch
+
+
+def as_scaled_curves(curves: ArrayLike) -> Array:
+    """Return `curves` as a batch to fit a model to.
+
+    Raises
+    ------
+    InputError
+        As `as_curves`; also for a curve that is plainly on another scale than 0 to 1, as 8-bit values are.
+    """
+    batch = as_curves(curves)
+    most = np.abs(batch).max(axis=1)
+    if most.max() > _MOST:
         row = int(np.argmax(most > _MOST))
         raise InputError(f"curve {row} reaches {most[row]:.4g}; use samples on a scale of 0 to 1")
     return batch

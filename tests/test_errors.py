@@ -182,7 +182,7 @@ def test_patches_that_are_not_there():
 
 
 def test_numbers_of_any_kind_are_taken():
-    for given in (GRID.tolist(), GRID.astype(np.float32), GRID.astype(object), np.arange(1024) // 1023):
+    for given in (GRID.tolist(), GRID.astype(np.float32), GRID.astype(object), np.linspace(0, 1023, 1024).astype(int)):
         assert curves.as_curves(given).shape == (1, 1024)
     assert np.isnan(metrics.rmse(np.full(4, np.nan), 0.0))
     assert SLR((np.int64(3),), np.int32(1), seed=np.uint8(1)).n_params == 1

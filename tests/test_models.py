@@ -76,6 +76,10 @@ class TestContract:
         # The bends of ReLU may stop a search short of the end, and with three latents in another fold, but near.
         assert distance.max() < (1e-3 * k if model.name == "SLR" else 1e-4)
 
+    def test_curves_on_another_scale_are_refused(self, model):
+        with pytest.raises(InputError, match="curve 1 reaches 255; use samples on a scale of 0 to 1"):
+            model.fit([GRID, -255 * GRID])
+
     def test_fit_is_a_minimum(self, model, direction, k):
         curves = TRAIN[direction][SAMPLE]
         params = model.fit(curves)

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.curves import Array, Direction, as_curves
+from crfbench.curves import Array, Direction, as_curves, as_scaled_curves
 from crfbench.errors import InputError
 from crfbench.models.base import ResponseModel
 
@@ -59,7 +59,7 @@ class EMoR(ResponseModel):
         InputError
             For too few curves.
         """
-        batch = as_curves(curves)
+        batch = as_scaled_curves(curves)
         if len(batch) < 2:
             raise InputError("1 curve has no components; use more than n_params of them")
         mean = batch.mean(axis=0)
@@ -77,7 +77,7 @@ class EMoR(ResponseModel):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Project all curves onto the components (least squares, so rounding in a printed basis does no harm)."""
-        centred = as_curves(curves) - self.mean_
+        centred = as_scaled_curves(curves) - self.mean_
         return np.asarray(np.linalg.lstsq(self.components_.T, centred.T, rcond=None)[0].T)
 
 

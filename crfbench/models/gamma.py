@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.curves import GRID, Array, Direction, as_curves
+from crfbench.curves import GRID, Array, Direction, as_scaled_curves
 from crfbench.errors import InputError
 from crfbench.models.base import ResponseModel, nearest_in_table, refine
 
@@ -66,7 +66,7 @@ class Gamma(ResponseModel):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Search a dense table of exponents, then polish: the global least MSE."""
-        batch = as_curves(curves)
+        batch = as_scaled_curves(curves)
         return refine(self, batch, nearest_in_table(batch, _TABLE, _decoded_table(), n_best=1))
 
     def to_free(self, params: Array) -> Array:

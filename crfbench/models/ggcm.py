@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.curves import GRID, Array, Direction, as_curves
+from crfbench.curves import GRID, Array, Direction, as_scaled_curves
 from crfbench.models.base import ResponseModel
 from crfbench.numerics import Objective, levenberg_marquardt
 
@@ -54,7 +54,7 @@ class GGCM(ResponseModel):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Grow the exponent power by power on every 16th sample, then polish on all of them."""
-        batch = as_curves(curves)
+        batch = as_scaled_curves(curves)
         start = _grow(GRID[15::16], batch[:, 15::16], self.n_params)
         return _newton(GRID[1:], batch[:, 1:], start)[0]
 

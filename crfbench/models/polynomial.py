@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.curves import GRID, Array, Direction, as_curves
+from crfbench.curves import GRID, Array, Direction, as_scaled_curves
 from crfbench.models.base import ResponseModel
 
 
@@ -49,4 +49,4 @@ class Polynomial(ResponseModel):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Solve the linear least squares of all curves at once."""
-        return np.asarray(np.linalg.lstsq(self._powers.T, as_curves(curves).T, rcond=None)[0].T)
+        return np.asarray(np.linalg.lstsq(self._powers.T, as_scaled_curves(curves).T, rcond=None)[0].T)

@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.curves import GRID, Array, Direction, as_curves
+from crfbench.curves import GRID, Array, Direction, as_scaled_curves
 from crfbench.errors import InputError
 from crfbench.models.base import ResponseModel, nearest_in_table, refine
 from crfbench.models.gamma import Gamma
@@ -77,7 +77,7 @@ class PPISP(ResponseModel):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Polish the best gamma curve and the six nearest of a table on every 16th sample, the best on all."""
-        batch = as_curves(curves)
+        batch = as_scaled_curves(curves)
         exponent = Gamma().fit(batch)[:, 0]
         starts = np.tile([1.0, 1.0, 1.0, 0.5], (len(batch), 7, 1))
         starts[:, 0, 2] = exponent if self.direction == "forward" else 1.0 / exponent

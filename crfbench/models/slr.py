@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crfbench.checks import check_count, check_seed
-from crfbench.curves import N_SAMPLES, Array, Direction, as_curves
+from crfbench.curves import N_SAMPLES, Array, Direction, as_scaled_curves
 from crfbench.errors import InputError
 from crfbench.models.base import Prior, ResponseModel, nearest_in_table, refine
 from crfbench.models.weights import load_weights, save_weights
@@ -183,7 +183,7 @@ class SLR(ResponseModel):
     def encode(self, curves: ArrayLike) -> Array:
         """Turn curves (n, 1024) into the latents (n, k) that the encoder gives them; `fit` finds better ones."""
         *hidden, (weight, bias) = self._layers("encoder")
-        h = as_curves(curves)
+        h = as_scaled_curves(curves)
         for w, b in hidden:
             h = np.maximum(h @ w.T + b, 0.0)
         return np.asarray((h @ weight.T + bias)[:, : self.n_params])
@@ -206,7 +206,7 @@ class SLR(ResponseModel):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Search a dense table of latents, then polish the nearest few; keep the best."""
-        batch, table = as_curves(curves), self._table()
+        batch, table = as_scaled_curves(curves), self._table()
         nearest = nearest_in_table(batch, table, self.decode_float32(table), n_best=2 + self.n_params)
         return refine(self, batch, nearest, max_steps=30)  # the table is dense, and the bends of ReLU stop Newton
 
