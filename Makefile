@@ -11,23 +11,25 @@ lab: $(READY)
 
 # One BLAS thread: the matrices are small, and threads that wait for a busy core cost more than they bring.
 test test-quick coverage tables bench site: export OPENBLAS_NUM_THREADS = 1
+# Files in the order of their names: the browser's tests, which take longest, come early.
+PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 NBVAL := --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
 test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n auto --dist loadfile
-	$(BIN)/python -m pytest notebooks -n auto --dist loadfile $(NBVAL)
+	$(BIN)/python -m pytest $(PARALLEL)
+	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
 
 # All but the linters and the browser's tests.
 test-quick: $(READY)
-	$(BIN)/python -m pytest -n auto --dist loadfile --ignore tests/test_browser
-	$(BIN)/python -m pytest notebooks -n auto --dist loadfile $(NBVAL)
+	$(BIN)/python -m pytest $(PARALLEL) --ignore tests/test_browser
+	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
 
 # Statements and branches of the library that the tests reach, those of its subprocesses too.
 coverage: $(READY)
-	$(BIN)/python -m pytest -n auto --dist loadfile --cov --cov-report=term
+	$(BIN)/python -m pytest $(PARALLEL) --cov --cov-report=term
 
 tables: $(READY)
 	$(BIN)/crfbench tables --out results
