@@ -465,7 +465,7 @@ def test_threads_do(responses):
 def test_dask_workers_do(responses, pool):
     distributed = pytest.importorskip("distributed", reason="dask is absent: pip install 'crfbench[cluster]'")
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster,
         distributed.Client(cluster) as client,
     ):
         table = naive_search(responses, SMALL, epochs=2, executor=client.get_executor()).table
