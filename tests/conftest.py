@@ -1,6 +1,7 @@
 """Fixtures that several test files share: the real data where they are, and a user cache that is always empty."""
 
 import signal
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import suppress
@@ -48,6 +49,14 @@ def empty_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield cache / "crfbench"
 
 
+@pytest.fixture(autouse=True)
+def figures_are_closed() -> Iterator[None]:
+    """Close what a test left open, so that the next may ask which figures are."""
+    yield
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")
+
+
 @pytest.fixture(scope="session")
 def dorf_curves() -> Responses:
     if not registry.find("dorf/201_CRF_data.mat"):
@@ -75,7 +84,9 @@ def middlebury_folder() -> Path:
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the site once."""
     import build_site
+    import matplotlib.pyplot as plt
 
-    folder = tmp_path_factory.mktemp("site")
+    folder, open_before = tmp_path_factory.mktemp("site"), plt.get_fignums()
     build_site.build(folder)
+    assert plt.get_fignums() == open_before, "the build leaves a figure open"
     return folder

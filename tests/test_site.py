@@ -8,7 +8,6 @@ from urllib.parse import unquote, urlsplit
 
 import build_site
 import draw_floors
-import matplotlib.pyplot as plt
 import nbformat
 import numpy as np
 import pandas as pd
@@ -164,7 +163,6 @@ def test_pictures_have_texts(own):
     texts = [picture.get("alt") or "" for page in own.values() for picture in page.all("img")]
     assert len(texts) > 15
     assert all(len(text) > 30 and "No description" not in text for text in texts), texts
-    assert plt.get_fignums() == []
 
 
 def test_widgets_live_or_say_what_they_need(site, pages):
