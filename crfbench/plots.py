@@ -1,7 +1,10 @@
-"""Figures: arrays and tables in, matplotlib Axes out. Nothing is fitted here."""
+"""Figures: arrays and tables in, matplotlib Axes out. Nothing is fitted here.
+
+The argument `ax` takes the Axes to draw on; by default those of a new figure.
+"""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
-from crfbench.charts.geometry import chart_boxes
 from crfbench.curves import GRID, Direction, axis_labels
+from crfbench.datasets.chart import chart_boxes
 from crfbench.history import History
 from crfbench.search.result import architecture, mark_choice, pareto_front
 
@@ -20,25 +23,27 @@ if TYPE_CHECKING:
 
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _BESIDE = (PALETTE[6], PALETTE[2], PALETTE[3])  # far from the blue of the calibration and the red of its dots
 _MOST_DOTS = 300  # that are told apart at full size: smaller ones leave the curve to be seen
 _PICTURE_WIDTH = 900  # pixels; more make a figure heavy and show no more
-_STYLES = ("-", "--", "-.", ":", (0, (10, 2)), (0, (4, 1, 1, 1, 1, 1)), (0, (1, 3)))
+STYLES = ("-", "--", "-.", ":", (0, (10, 2)), (0, (4, 1, 1, 1, 1, 1)), (0, (1, 3)))
 
 
-def _axes(ax: Axes | None, width: float = 6.0, height: float = 4.5) -> Axes:
+def new_axes(ax: Axes | None, width: float = 6.0, height: float = 4.5) -> Axes:
+    """Return the given Axes, or those of a new figure of that size in inches."""
     return ax if ax is not None else plt.subplots(figsize=(width, height), layout="constrained")[1]
 
 
-def _unit_square(ax: Axes, direction: Direction) -> None:
+def unit_square(ax: Axes, direction: Direction) -> None:
+    """Name the axes after brightness and irradiance, from 0 to 1 each, and draw the diagonal."""
     x_label, y_label = axis_labels(direction)
     ax.set(xlabel=x_label, ylabel=y_label, xlim=(0, 1), ylim=(0, 1), aspect="equal")
     ax.plot([0, 1], [0, 1], color="0.6", lw=0.8, ls=":", zorder=0)
 
 
 def plot_curves(
-    curves: ArrayLike, kinds: Sequence[str] | None = None, direction: Direction = "forward", ax: Axes | None = None
+    curves: ArrayLike, kinds: Sequence[str] | None = None, *, direction: Direction, ax: Axes | None = None
 ) -> Axes:
     """Draw many curves thinly, coloured by kind, and the median of each kind: the paper's figure of its data set.
 
@@ -48,70 +53,62 @@ def plot_curves(
     kinds : sequence of str, length n, optional
         Family of each curve; the legend counts them. Where there are several, each has its median, a dash pattern.
     direction : {"forward", "inverse"}
-        Of the curves.
+        Of the curves; it names the axes, so it has no default.
     ax : Axes, optional
-        By default those of a new figure.
     """
-    ax, batch = _axes(ax), np.atleast_2d(curves)
+    ax, batch = new_axes(ax), np.atleast_2d(curves)
     labels = np.asarray(kinds if kinds is not None else [""] * len(batch))
     names, counts = np.unique(labels, return_counts=True)
     for i, (name, count) in enumerate(zip(names, counts, strict=True)):
         colour, family = PALETTE[i % len(PALETTE)], batch[labels == name]
         ax.plot(GRID, family.T, color=colour, lw=0.6, alpha=0.55 if len(names) == 1 else 0.3)
         median = np.median(family, axis=0) if len(names) > 1 else []
-        ax.plot(
-            GRID[: len(median)], median, color=colour, lw=2, ls=_STYLES[i % len(_STYLES)], label=f"{name} ({count})"
-        )
+        ax.plot(GRID[: len(median)], median, color=colour, lw=2, ls=STYLES[i % len(STYLES)], label=f"{name} ({count})")
     if kinds is not None:
         title = "bold: the median" if len(names) > 1 else None
         ax.legend(loc="lower right", fontsize="small", title=title, title_fontsize="small", handlelength=3)
-    _unit_square(ax, direction)
+    unit_square(ax, direction)
     return ax
 
 
 def plot_spread(sets: Mapping[str, ArrayLike], ax: Axes | None = None) -> Axes:
     """Draw the mean and the 5 to 95 % band of several sets of responses, each (n, 1024)."""
-    ax = _axes(ax)
-    for (name, curves), colour, style in zip(sets.items(), PALETTE, _STYLES, strict=False):
+    ax = new_axes(ax)
+    for (name, curves), colour, style in zip(sets.items(), PALETTE, STYLES, strict=False):
         low, high = np.percentile(np.asarray(curves), (5, 95), axis=0)
         ax.fill_between(GRID, low, high, color=colour, alpha=0.18, lw=0)
         ax.plot(GRID, np.mean(np.asarray(curves), axis=0), color=colour, ls=style, label=f"{name}: mean, 5 to 95 %")
     ax.legend(loc="lower right", fontsize="small")
-    _unit_square(ax, "forward")
+    unit_square(ax, "forward")
     return ax
 
 
 def plot_patches(patches: pd.DataFrame, ax: Axes | None = None) -> Axes:
     """Scatter JPEG against RAW intensity of colour chart patches, one colour and marker a camera.
 
-    Parameters
-    ----------
-    patches : DataFrame
-        With columns camera, jpeg and raw (intensities in [0, 1]).
-    ax : Axes, optional
-        By default those of a new figure.
+    The table has the columns camera, jpeg and raw (intensities in [0, 1]).
     """
-    ax = _axes(ax, 7.0)
+    ax = new_axes(ax, 7.0)
     for i, (camera, rows) in enumerate(patches.groupby("camera")):
-        marker, colour = _MARKERS[i % len(_MARKERS)], PALETTE[i % (len(PALETTE) - 1)]
-        filled = colour if i < len(_MARKERS) else "none"
+        marker, colour = MARKERS[i % len(MARKERS)], PALETTE[i % (len(PALETTE) - 1)]
+        filled = colour if i < len(MARKERS) else "none"
         ax.scatter(rows["raw"], rows["jpeg"], s=7, marker=marker, lw=0.6, ec=colour, fc=filled, label=str(camera))
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="x-small", markerscale=2.0)
-    _unit_square(ax, "forward")
+    unit_square(ax, "forward")
     ax.set(xlabel="RAW intensity (share of full scale)", ylabel="JPEG intensity (share of full scale)")
     return ax
 
 
 def plot_comparison(
-    curve: ArrayLike, fits: Mapping[str, ArrayLike], direction: Direction = "forward", ax: Axes | None = None
+    curve: ArrayLike, fits: Mapping[str, ArrayLike], *, direction: Direction, ax: Axes | None = None
 ) -> Axes:
     """Draw one curve in grey and fits of it, each (1024,), in colour."""
-    ax = _axes(ax)
+    ax = new_axes(ax)
     ax.plot(GRID, np.asarray(curve), color="0.7", lw=5, label="measured")
-    for (name, fit), colour, style in zip(fits.items(), PALETTE, _STYLES, strict=False):
+    for (name, fit), colour, style in zip(fits.items(), PALETTE, STYLES, strict=False):
         ax.plot(GRID, np.asarray(fit), color=colour, ls=style, lw=1.4, label=name)
     ax.legend(loc="lower right" if direction == "forward" else "upper left", fontsize="small")
-    _unit_square(ax, direction)
+    unit_square(ax, direction)
     ax.set_ylim(-0.02, 1.06)  # fits may leave the range of a response
     return ax
 
@@ -124,12 +121,11 @@ def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) ->
     pixels : array_like, shape (h, w, 3)
         Values in [0, 1].
     corners : array_like, shape (4, 2)
-        In chart order, see `crfbench.charts.geometry`.
+        In chart order, see `crfbench.datasets.chart`.
     ax : Axes, optional
-        By default those of a new figure.
     """
     picture, boxes = np.asarray(pixels), chart_boxes(np.asarray(corners))
-    ax = _axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
+    ax = new_axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
     _show_picture(ax, picture)
     for box in boxes:  # white within black, to be seen on a patch of any colour
         edge = [withStroke(linewidth=3, foreground="black")]
@@ -154,7 +150,7 @@ def plot_linearised(jpeg: ArrayLike, linear: ArrayLike, patches: pd.DataFrame) -
     Parameters
     ----------
     jpeg, linear : array_like, shape (h, w, 3)
-        Before and after `crfbench.passport.linearise`; values in [0, 1].
+        Before and after `crfbench.camera.linearise`; values in [0, 1].
     patches : DataFrame
         Columns raw, jpeg and linear: values of patches, in shares of full scale. Without a RAW file raw is NaN.
     """
@@ -174,7 +170,7 @@ def plot_linearised(jpeg: ArrayLike, linear: ArrayLike, patches: pd.DataFrame) -
 
 def plot_residuals(result: "Calibration", index: int = 0, ax: Axes | None = None) -> Axes:
     """Draw the residuals of one calibration against brightness, in per cent of irradiance."""
-    ax = _axes(ax, 6.0, 3.0)
+    ax = new_axes(ax, 6.0, 3.0)
     counts = result.observations.counts[index]
     ax.axhline(0.0, color="0.6", lw=0.8)
     brightness, residuals = result.observations.brightness[index][counts], result.residuals[index][counts]
@@ -195,14 +191,9 @@ def plot_calibration(
     ax : Axes, optional
     beside : mapping of str to array_like, shape (1024,), optional
         Other inverse responses to compare with, such as the known truth.
-
-    Raises
-    ------
-    InputError
-        For an index that the result does not have.
     """
     brightness, irradiance = result.dots(index)
-    ax = _axes(ax)
+    ax = new_axes(ax)
     for level, shade in zip(sorted(result.bands, reverse=True), (0.15, 0.3), strict=False):
         low, high = result.bands[level]
         label = f"{100 * level:.0f} % of the posterior"
@@ -210,194 +201,10 @@ def plot_calibration(
     ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{result.model.name}, {result.method}")
     size = 10 if len(brightness) <= _MOST_DOTS else 2
     ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
-    for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, _STYLES[1:], strict=False):
+    for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, STYLES[1:], strict=False):
         ax.plot(GRID, np.asarray(curve), color=colour, ls=style, label=name, zorder=4)
-    _unit_square(ax, "inverse")
+    unit_square(ax, "inverse")
     ax.legend(loc="upper left", fontsize="small")
-    return ax
-
-
-def plot_patch_counts(
-    curves: ArrayLike, sizes: Sequence[int], jpeg: ArrayLike, raw: ArrayLike, ax: Axes | None = None
-) -> Axes:
-    """Draw inverse responses from growing numbers of patches over what was measured: the paper's figure.
-
-    Parameters
-    ----------
-    curves : array_like, shape (n, 1024)
-    sizes : sequence of int, length n
-        How many patches each curve was calibrated with.
-    jpeg, raw : array_like, shape (m,)
-        Brightness and irradiance measured on all patches.
-    ax : Axes, optional
-        By default those of a new figure.
-    """
-    ax = _axes(ax)
-    ax.scatter(np.asarray(jpeg), np.asarray(raw), s=6, color="0.6", label="measured (JPEG, RAW)")
-    for curve, size, colour, style in zip(np.asarray(curves), sizes, PALETTE, _STYLES, strict=False):
-        ax.plot(GRID, curve, color=colour, ls=style, label=f"{size} patches")
-    _unit_square(ax, "inverse")
-    ax.legend(loc="upper left", fontsize="small")
-    return ax
-
-
-def plot_camera_rmse(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
-    """Draw the RMSE of every camera, one marker a model.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Cameras by models, from `crfbench.tables.calibration.camera_rmse_table`.
-    ax : Axes, optional
-        By default those of a new figure.
-    """
-    ax = _axes(ax, 8.0, 5.0)
-    ranked = table.sort_values(table.columns[0])
-    for i, name in enumerate(table.columns):
-        colour, marker = PALETTE[i % len(PALETTE)], _MARKERS[i % len(_MARKERS)]
-        ax.plot(ranked[name], range(len(table)), ls="", marker=marker, color=colour, alpha=0.8, label=name)
-    ax.set_yticks(range(len(table)), ranked.index)
-    ax.set(xlabel="RMSE on the other illumination (share of full scale)", xlim=(0, None))
-    ax.grid(axis="y", lw=0.3)
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
-    return ax
-
-
-def plot_coverage(tables: Mapping[str, pd.DataFrame], ax: Axes | None = None) -> Axes:
-    """Draw how much of held-out RAW the 90 % bands hold, model by model.
-
-    Parameters
-    ----------
-    tables : mapping
-        From a label to a table by method "posterior" of `crfbench.tables.calibration.calibration_table`.
-    ax : Axes, optional
-        By default those of a new figure.
-    """
-    ax = _axes(ax, 8.0, 5.0)
-    ax.axvspan(0.85, 0.95, color="0.9", label="calibrated: 0.85 to 0.95")
-    for (label, table), colour, marker in zip(tables.items(), PALETTE, _MARKERS, strict=False):
-        rows = table[table["coverage"].notna()]
-        keys = rows[["model", "constraint", "n_params"]].itertuples(index=False)
-        names = [" ".join(map(str, filter(None, key))) for key in keys]
-        ax.plot(rows["coverage"], range(len(rows)), ls="", color=colour, marker=marker, label=label)
-        ax.set_yticks(range(len(rows)), names)
-    ax.set(xlabel="share of held-out RAW inside the 90 % band", xlim=(0, 1))
-    ax.invert_yaxis()
-    ax.grid(axis="y", lw=0.3)
-    ax.legend(loc="lower left", fontsize="small")
-    return ax
-
-
-def plot_against_paper(
-    names: Sequence[str], ours: ArrayLike, bounds: ArrayLike, printed: ArrayLike, label: str, ax: Axes | None = None
-) -> Axes:
-    """Draw our figures with their bounds, and the paper's as crosses, one row a name.
-
-    Parameters
-    ----------
-    names : sequence of str, length n
-    ours : array_like, shape (n,)
-    bounds : array_like, shape (2, n)
-        Low and high ends of ours.
-    printed : array_like, shape (n,)
-    label : str
-        What the figures are, with their unit.
-    ax : Axes, optional
-        By default those of a new figure.
-    """
-    ax = _axes(ax, 7.0, 1.0 + 0.28 * len(names))
-    place, centre = np.arange(len(names)), np.asarray(ours)
-    spans = np.abs(np.asarray(bounds) - centre)
-    ax.errorbar(centre, place, xerr=spans, fmt="o", ms=5, color=PALETTE[0], capsize=3, label="ours")
-    ax.plot(np.asarray(printed), place, ls="", marker="x", ms=8, mew=2, color=PALETTE[1], label="the paper's")
-    ax.set_yticks(place, names)
-    ax.set(xlabel=label, ylim=(len(names) - 0.5, -0.5))
-    ax.grid(axis="y", lw=0.3)
-    ax.legend(fontsize="small")
-    return ax
-
-
-#: The models that `plot_fitting` draws; EMoR stands for itself, learned here or published, as the two coincide.
-_FITTING_MODELS = ("Gamma", "Polynomial", "GGCM", "EMoR-PCA", "PPISP", "SLR-ldl", "SLR-monotone")
-_OFF = 0.05  # in the logarithm: a cross that lies so far from its line needs a name
-_APART = 0.3  # in the logarithm: names of crosses so far apart do not touch
-
-
-def plot_fitting(table: pd.DataFrame, direction: Direction = "forward", ax: Axes | None = None) -> Axes:
-    """Draw mean RMSE by number of parameters: in sample filled, held out hollow, the paper's figures as crosses.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From `crfbench.tables.fitting.fitting_table`.
-    direction : {"forward", "inverse"}
-        Which part of the table.
-    ax : Axes, optional
-        By default those of a new figure.
-    """
-    ax = _axes(ax, 7.5, 5.0)
-    rows = table[table["direction"] == direction]
-    for i, model in enumerate(_FITTING_MODELS):
-        # Gamma's one dot lies under GGCM's, so it is the larger.
-        look = {"color": PALETTE[i], "marker": _MARKERS[i], "ms": 11 if model == "Gamma" else 6}
-        _fitting_lines(ax, rows[rows["model"] == model], model, look)
-        printed = rows[(rows["model"] == model) & rows["paper"].notna() & (model != "SLR-monotone")]
-        ax.scatter(printed["n_params"], printed["paper"], marker="x", s=60, color=PALETTE[i], zorder=3)
-    ax.plot([], [], color="0.4", ls=":", marker="o", mfc="white", label="held out (grouped 5-fold),\nwhere it differs")
-    if rows["paper"].notna().any():
-        ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's figure, named\nwhere off our line")
-        _name_crosses(ax, rows[rows["model"].isin(_FITTING_MODELS[:-1]) & rows["paper"].notna()])
-    ax.set(
-        xlabel="number of parameters",
-        ylabel="mean RMSE (share of the curve's range)",
-        yscale="log",
-        xticks=[1, 2, 3, 4],
-        xlim=(0.8, 4.7),
-    )
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
-    ax.grid(axis="y", which="both", lw=0.3)
-    return ax
-
-
-def _name_crosses(ax: Axes, rows: pd.DataFrame) -> None:
-    """Write the models' names beside crosses that lie off their lines, those of near crosses below each other."""
-    paper = np.log(rows["paper"])
-    off = rows.assign(log=paper)[np.abs(paper - np.log(rows["mean_rmse"])) > _OFF].sort_values("log", ascending=False)
-    for k, column in off.groupby("n_params"):
-        for _, near in column.groupby((column["log"].diff() < -_APART).cumsum()):
-            ax.annotate(
-                "\n".join(name.split("-")[0] for name in near["model"]),
-                (float(k), float(np.exp(near["log"].mean()))),
-                xytext=(8, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize="x-small",
-                path_effects=[withStroke(linewidth=3, foreground="white")],
-            )
-
-
-def _fitting_lines(ax: Axes, rows: pd.DataFrame, model: str, look: dict[str, Any]) -> None:
-    inside, outside = (rows[rows["split"] == split].sort_values("n_params") for split in ("in-sample", "grouped-5fold"))
-    if len(inside):
-        ax.plot(inside["n_params"], inside["mean_rmse"], label=model, **look)
-    if list(outside["mean_rmse"]) != list(inside["mean_rmse"]):  # what learns nothing has one line for both
-        ax.plot(outside["n_params"], outside["mean_rmse"], ls=":", mfc="white", **look)
-
-
-def plot_validity(table: pd.DataFrame, direction: Direction = "forward", ax: Axes | None = None) -> Axes:
-    """Draw the share of in-sample fits that fall somewhere or leave [0, 1]: fits that are no responses."""
-    rows = table[(table["direction"] == direction) & (table["split"] == "in-sample")]
-    ax = _axes(ax, 7.0, 1.2 + 0.2 * len(rows))
-    place = np.arange(len(rows))
-    ax.barh(place - 0.2, 100 * rows["nonmonotone"], 0.4, color=PALETTE[0], label="falls somewhere")
-    ax.barh(place + 0.2, 100 * rows["out_of_range"], 0.4, color=PALETTE[4], hatch="////", label="leaves 0 to 1")
-    names = [f"{model} {k}" for model, k in zip(rows["model"], rows["n_params"], strict=True)]
-    ax.set_yticks(place, names, fontsize="small")
-    ax.set(xlabel="share of fitted curves (%)", ylabel="model and number of parameters", xlim=(0, 100))
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    ax.grid(axis="x", lw=0.3)
-    ax.set_axisbelow(True)
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize="small")
     return ax
 
 
@@ -469,7 +276,7 @@ def _bin_means() -> np.ndarray:
 
 def plot_latent_histogram(latents: ArrayLike, ax: Axes | None = None) -> Axes:
     """Draw the histogram of latents, shape (n,) or (n, 1), as a density over the outline of N(0, 1)."""
-    ax = _axes(ax, 5.0, 3.0)
+    ax = new_axes(ax, 5.0, 3.0)
     values = np.ravel(np.asarray(latents))
     ax.stairs(_densities(values[None])[0], _BINS, fill=True, color=PALETTE[0], alpha=0.6, label=f"{len(values)} curves")
     ax.plot(_BINS, _NORMAL, color=PALETTE[1], ls="--", label="N(0, 1)")
@@ -484,15 +291,14 @@ def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = Non
     Parameters
     ----------
     table : DataFrame
-        Of `crfbench.search.naive_search`, or a recorded one.
+        Of `crfbench.search.search_architectures`, or a recorded one.
     m : int
         Of how many most accurate candidates the least complex is chosen.
     spread : array_like, shape (n,), optional
         Half the height of the bars of the M best, in units of MSE; by default the standard deviation over the folds.
     ax : Axes, optional
-        By default those of a new figure.
     """
-    ax, table = _axes(ax, 7.0), mark_choice(table, m)
+    ax, table = new_axes(ax, 7.0), mark_choice(table, m)
     bars = table["mse_sd"] if spread is None else np.asarray(spread)
     best = (table["rank"] <= m).to_numpy()
     front, choice = pareto_front(table), table[table["chosen"]].iloc[0]

@@ -6,8 +6,8 @@ Run: python scripts/record_calibration.py (with CRFBENCH_DATA set for the floor 
 import pandas as pd
 
 import crfbench
-from crfbench.tables.calibration import calibration_table
-from crfbench.tables.recorded import record
+from crfbench.paper.calibration import calibration_table
+from crfbench.paper.results import record
 
 
 def main() -> None:

@@ -13,8 +13,8 @@ import torch
 
 import crfbench
 from crfbench.datasets import Responses, load_dorf, registry
-from crfbench.search import SearchResult, naive_search
-from crfbench.tables.recorded import record
+from crfbench.paper.results import record
+from crfbench.search import SearchResult, search_architectures
 
 SEEDS = range(5)
 
@@ -36,7 +36,7 @@ def main() -> None:
 def _search(responses: Responses, strategy: str, seed: int, folder: Path) -> SearchResult:
     start = time.perf_counter()
     journal = folder / f"{strategy}-{seed}.jsonl"
-    result = naive_search(responses, strategy=strategy, seed=seed, journal=journal, progress=True)
+    result = search_architectures(responses, strategy=strategy, seed=seed, journal=journal, progress=True)
     print(f"{strategy}, seed {seed}: {(time.perf_counter() - start) / 60:.1f} min, {result.chosen}")
     return result
 

@@ -16,20 +16,21 @@ from crfbench.curves import Array, Direction
 from crfbench.datasets import load_dorf
 from crfbench.datasets.folds import group_labels, grouped_folds
 from crfbench.metrics import rmse
-from crfbench.tables.fitting import figures
-from crfbench.tables.recorded import record
-from crfbench.training import RECIPES, Recipe, train
+from crfbench.models.registry import ModelKey
+from crfbench.paper.fitting import figures
+from crfbench.paper.results import record
+from crfbench.training import CONFIGS, TrainingConfig, train
 
-RANKED = ("ldl-1", "monotone-1", "ldl-3", "monotone-3")  # forward, five seeds: what the text ranks by
+RANKED = ("SLR-ldl-1", "SLR-monotone-1", "SLR-ldl-3", "SLR-monotone-3")  # forward, five seeds: what the text ranks by
 N_SEEDS = 5
 
 
-def cross_validate(curves: Array, folds: np.ndarray, direction: Direction, recipe: Recipe) -> dict[str, float]:
+def cross_validate(curves: Array, folds: np.ndarray, direction: Direction, config: TrainingConfig) -> dict[str, float]:
     """Train on four folds, fit the fifth with its best latents; in turn. The in-sample RMSE is of the same networks."""
     start, decoded, in_sample = time.perf_counter(), np.empty_like(curves), []
     for fold in range(folds.max() + 1):
         test = folds == fold
-        model, _ = train(curves[~test], direction, recipe)
+        model, _ = train(curves[~test], direction, config)
         decoded[test] = model.decode(model.fit(curves[test]))
         in_sample.append(rmse(model.decode(model.fit(curves[~test])), curves[~test]).mean())
     return {
@@ -40,21 +41,21 @@ def cross_validate(curves: Array, folds: np.ndarray, direction: Direction, recip
 
 
 def main() -> None:
-    """Run every recipe in both directions, the ranked ones with all seeds, and write the record."""
+    """Run every config in both directions, the ranked ones with all seeds, and write the record."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--epochs", type=int, help="fewer epochs, to try the script out; nothing is recorded")
     epochs = parser.parse_args().epochs
     responses = load_dorf()
     folds = grouped_folds(group_labels(responses.units))
     jobs = [(name, "forward", seed) for name in RANKED for seed in range(N_SEEDS)]
-    jobs += [(name, side, 0) for name in RECIPES if name != "open-1" for side in ("forward", "inverse")]
+    jobs += [(name, side, 0) for name in CONFIGS if name != "SLR-open-1" for side in ("forward", "inverse")]
     rows = []
     for name, side, seed in tqdm(dict.fromkeys(jobs), unit="row"):
-        recipe = replace(RECIPES[name], seed=seed, **({"epochs": epochs} if epochs else {}))
+        config = replace(CONFIGS[name], seed=seed, **({"epochs": epochs} if epochs else {}))
         direction: Direction = "forward" if side == "forward" else "inverse"
-        found = cross_validate(responses.in_direction(direction), folds, direction, recipe)
-        model = f"SLR-{name.rsplit('-', 1)[0]}"
-        rows.append({"model": model, "n_params": recipe.n_latent, "direction": side, "seed": seed, **found})
+        found = cross_validate(responses.in_direction(direction), folds, direction, config)
+        key = replace(ModelKey.parse(name), direction=direction)
+        rows.append({"model": str(key), "n_params": key.n_params, "direction": side, "seed": seed, **found})
     if not epochs:
         provenance = {"crfbench": crfbench.__version__, "command": "python scripts/record_slr.py"}
         print(record(pd.DataFrame(rows), "slr_heldout_dorf", provenance).name)

@@ -1,4 +1,4 @@
-"""Record the tables of data that may not be shipped, each with its provenance, in data/recorded."""
+"""Record the tables of data that may not be bundled, each with its provenance, in data/recorded."""
 
 import hashlib
 import platform
@@ -7,8 +7,8 @@ import numpy as np
 
 import crfbench
 from crfbench.datasets import registry
-from crfbench.tables.fitting import fitting_tables
-from crfbench.tables.recorded import record
+from crfbench.paper.fitting import fitting_tables
+from crfbench.paper.results import record
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
-"""The claims table: complete, by its stated rules, and with verdicts that turn when the evidence does."""
+"""The claims table: complete, by its stated rules, and with verdicts that turn when the results does."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 
@@ -10,35 +11,39 @@ from scipy.stats import bootstrap
 
 from crfbench.history import History
 from crfbench.metrics import summarise
-from crfbench.paper import CALIBRATION, FITTING, SIGNIFICANT_RMSE, STABILITY, STATEMENTS, scientific
-from crfbench.tables import claims as module
-from crfbench.tables.claims import RULES, claims_table, verdict_counts
-from crfbench.tables.evidence import (
-    Evidence,
+from crfbench.paper import claims as module
+from crfbench.paper import claims_data
+from crfbench.paper.claims import claims_table, papers_impossible_spreads, speed_ratio, verdict_counts
+from crfbench.paper.claims_data import emor_energy, printed_variance, smoothness_loss
+from crfbench.paper.findings import does_not_follow, holds
+from crfbench.paper.printed import CALIBRATION, FITTING, SIGNIFICANT_RMSE, STABILITY
+from crfbench.paper.results import (
+    PaperResults,
     latent_course,
-    load_evidence,
+    load_recorded,
+    load_results,
     near_copy_counts,
-    stability_by_seed,
     trainings_by_seed,
 )
-from crfbench.tables.findings import does_not_follow, holds
-from crfbench.tables.recorded import load_recorded
-from crfbench.tables.statements import CHECKS
-from crfbench.tables.statements.calibration import papers_impossible_spreads, speed_ratio
-from crfbench.tables.statements.fitting import emor_energy
-from crfbench.tables.statements.training import printed_variance, smoothness_loss
+from crfbench.paper.stability import stability_by_seed
+from crfbench.paper.verdicts import CHECKS, RULES, Claim, claim, scientific
 
-LDL = ("SLR", "ldl", 1)
+LDL = "SLR-ldl-1"
 
 
 @pytest.fixture(scope="module")
-def evidence() -> Evidence:
-    return load_evidence()
+def results() -> PaperResults:
+    return load_results()
 
 
 @pytest.fixture(scope="module")
-def claims(evidence: Evidence) -> pd.DataFrame:
-    return claims_table(evidence)
+def claims(results: PaperResults) -> pd.DataFrame:
+    return claims_table(results)
+
+
+def check(name: str) -> Callable[[PaperResults], Claim]:
+    """Return the check of a claim by the name of its function."""
+    return getattr(module, name, None) or getattr(claims_data, name)
 
 
 def verdict_of(table: pd.DataFrame, claim: str) -> str:
@@ -50,7 +55,7 @@ def test_every_figure_and_statement_has_a_row(claims):
     assert counts["Table 1"] == len(FITTING)
     assert counts["Table 2"] == len(STABILITY)
     assert counts["Table 3"] == sum(map(len, CALIBRATION.values()))
-    assert len(claims) == len(FITTING) + len(STABILITY) + 6 * len(CALIBRATION) + len(STATEMENTS)
+    assert len(claims) == len(FITTING) + len(STABILITY) + 6 * len(CALIBRATION) + len(CHECKS)
     assert claims["claim"].is_unique
     assert set(claims["verdict"]) == set(RULES)
 
@@ -68,6 +73,22 @@ def test_ours_come_from_functions_that_exist(claims):
         assert callable(getattr(import_module(parent), function)), name
 
 
+def test_a_claim_needs_nothing_but_its_function(results, monkeypatch):
+    monkeypatch.setattr("crfbench.paper.verdicts.CHECKS", listed := [])
+
+    @claim("7", "there are so many rows", how="crfbench.load_patches", printed="2688")
+    def rows(results: PaperResults) -> Claim:
+        """Count them."""
+        return Claim(ours=str(len(results.patches)), why="Counted.")
+
+    found = rows(results)
+    assert listed == [rows]
+    assert found == Claim(
+        "there are so many rows", "7", "2688", "2688", "", "crfbench.load_patches", "reproduced", "Counted."
+    )
+    assert rows(replace(results, patches=results.patches[:5])).verdict == "differs"
+
+
 def test_words_and_figures_have_their_own_verdicts(claims):
     worded = claims[claims["verdict"].isin(["holds", "does not hold", "undecided"])]
     tables = claims[claims["where"].str.startswith("Table")]
@@ -83,27 +104,25 @@ def test_counts_add_up(claims):
     }  # fmt: skip
 
 
-def test_cells_of_table_3_follow_the_rule(claims, evidence):
-    table = evidence.calibration.set_index(["model", "constraint", "n_params"])
-    for (model, constraint, k), figures in CALIBRATION.items():
-        name = " ".join(filter(None, (model, constraint)))
-        row = table.loc[model, constraint, k]
+def test_cells_of_table_3_follow_the_rule(claims, results):
+    for name, figures in CALIBRATION.items():
+        row = results.calibration.loc[name]
         near = abs(round(row["mean"], 3) - figures[0]) <= SIGNIFICANT_RMSE + 1e-9
         expected = "reproduced" if near or row["low"] <= figures[0] <= row["high"] else "differs"
-        assert verdict_of(claims, f"mean RMSE, {name}, d={k}") == expected
-        assert verdict_of(claims, f"seconds for all cameras, {name}, d={k}") == "not comparable"
-        errors = evidence.cameras[" ".join(map(str, filter(None, (model, constraint, k))))]
+        assert verdict_of(claims, f"mean RMSE, {name}") == expected
+        assert verdict_of(claims, f"seconds for all cameras, {name}") == "not comparable"
+        errors = results.cameras[name]
         assert summarise(errors) == pytest.approx({key: row[key] for key in summarise(errors)}, abs=1e-6)
         resampled = bootstrap((errors,), np.max, method="percentile", n_resamples=2000, rng=1).confidence_interval
         near = abs(round(row["max"], 3) - figures[3]) <= SIGNIFICANT_RMSE + 1e-9
         inside = resampled.low <= figures[3] <= resampled.high
         expected = "reproduced" if near or inside else "differs"
-        assert verdict_of(claims, f"largest RMSE, {name}, d={k}") == expected
+        assert verdict_of(claims, f"largest RMSE, {name}") == expected
 
 
-def test_means_of_table_3_agree_with_the_tables_own_verdict(claims, evidence):
+def test_means_of_table_3_agree_with_the_tables_own_verdict(claims, results):
     ours = claims[claims["claim"].str.startswith("mean RMSE, ")]["verdict"].tolist()
-    assert ours == evidence.calibration["verdict"][: len(CALIBRATION)].tolist()
+    assert ours == results.calibration["verdict"][: len(CALIBRATION)].tolist()
 
 
 @pytest.mark.parametrize(
@@ -113,68 +132,68 @@ def test_means_of_table_3_agree_with_the_tables_own_verdict(claims, evidence):
         ("one_figure", "mean_rmse", 1.0, "differs"),
     ],
 )
-def test_statements_on_fits_turn_with_the_evidence(evidence, key, column, change, expected):
-    fitting = evidence.fitting.copy()
-    fitting.loc[fitting["model"] == "SLR-ldl", column] *= change
-    assert CHECKS[key](replace(evidence, fitting=fitting)).verdict == expected
+def test_statements_on_fits_turn_with_the_results(results, key, column, change, expected):
+    fitting = results.fitting.copy()
+    fitting.loc[fitting["model"] == "SLR-ldl-1-forward", column] *= change
+    assert check(key)(replace(results, fitting=fitting)).verdict == expected
 
 
-def test_statements_on_calibration_turn_with_the_evidence(evidence):
-    table = evidence.calibration.copy()
-    ldl = (table["model"] == "SLR") & (table["constraint"] == "ldl") & (table["n_params"] == 1)
+def test_statements_on_calibration_turn_with_the_results(results):
+    table = results.calibration.copy()
+    ldl = table.index == LDL
     table.loc[ldl, ["mean", "seconds"]] /= 100
     table.loc[~ldl, ["difference_low", "difference_high"]] = 0.013, 0.014
-    better = replace(evidence, calibration=table.copy())
+    better = replace(results, calibration=table.copy())
     for key in ("almost_twice", "half_the_time", "faster_than_gamma", "significant"):
-        assert CHECKS[key](evidence).verdict == "does not hold"
-        assert CHECKS[key](better).verdict == "holds", key
+        assert check(key)(results).verdict == "does not hold"
+        assert check(key)(better).verdict == "holds", key
     table.loc[~ldl, ["difference_low", "difference_high"]] = -0.014, -0.013
-    worse = replace(evidence, calibration=table)
+    worse = replace(results, calibration=table)
     for key in ("most_accurate", "ldl_helps"):
-        found = [CHECKS[key](known).verdict for known in (evidence, better, worse)]
+        found = [check(key)(known).verdict for known in (results, better, worse)]
         assert found == ["undecided", "holds", "does not hold"]
-    assert CHECKS["auc_trades"](evidence).verdict == "undecided"
-    assert CHECKS["auc_trades"](better).verdict == "does not hold"  # AUC is the slower one there
+    assert check("auc_trades")(results).verdict == "undecided"
+    assert check("auc_trades")(better).verdict == "does not hold"  # AUC is the slower one there
 
 
-def test_other_statements_turn_with_the_evidence(evidence):
-    stability = evidence.stability.assign(
-        total_variance=np.where(evidence.stability["model"] == "SLR", 0.0, evidence.stability["total_variance"])
+def test_other_statements_turn_with_the_results(results):
+    stability = results.stability.assign(
+        total_variance=np.where(results.stability["model"] == LDL, 0.0, results.stability["total_variance"])
     )
-    assert CHECKS["most_stable"](evidence).verdict == "undecided"
-    assert CHECKS["most_stable"](replace(evidence, stability=stability)).verdict == "holds"
+    assert check("most_stable")(results).verdict == "undecided"
+    assert check("most_stable")(replace(results, stability=stability)).verdict == "holds"
     stability["total_variance"] = -stability["total_variance"]
-    assert CHECKS["most_stable"](replace(evidence, stability=stability)).verdict == "does not hold"
-    trainings = evidence.trainings.copy()
+    assert check("most_stable")(replace(results, stability=stability)).verdict == "does not hold"
+    trainings = results.trainings.copy()
     trainings.loc[trainings["constraint"] == "ldl", ["kl", "ks", "settled"]] = 1.0, 0.0, np.nan
     trainings.loc[trainings["constraint"] == "aae", "swing"] = 2.0
-    other = replace(evidence, trainings=trainings)
+    other = replace(results, trainings=trainings)
     for key, before, after in (
         ("ldl_accurate", "holds", "does not hold"),
         ("ldl_best", "undecided", "undecided"),
         ("ldl_rapid", "holds", "does not hold"),
         ("aae_unstable", "undecided", "holds"),
     ):
-        assert (CHECKS[key](evidence).verdict, CHECKS[key](other).verdict) == (before, after)
+        assert (check(key)(results).verdict, check(key)(other).verdict) == (before, after)
     for kl, ks, expected in ((0.0, 0.0, "holds"), (0.0, 1.0, "undecided"), (1.0, 1.0, "does not hold")):
         trainings.loc[trainings["constraint"] == "ldl", ["kl", "ks"]] = kl, ks
-        assert CHECKS["ldl_best"](other).verdict == expected
-    assert CHECKS["classical_models"](evidence).verdict == "undecided"
-    assert CHECKS["camera_count"](replace(evidence, patches=evidence.patches.iloc[:10])).verdict == "differs"
-    search = evidence.search.assign(seconds=61.0)
-    assert CHECKS["candidate_time"](replace(evidence, search=search)).verdict == "does not hold"
+        assert check("ldl_best")(other).verdict == expected
+    assert check("classical_models")(results).verdict == "undecided"
+    assert check("camera_count")(replace(results, patches=results.patches.iloc[:10])).verdict == "differs"
+    search = results.search.assign(seconds=61.0)
+    assert check("candidate_time")(replace(results, search=search)).verdict == "does not hold"
 
 
-def test_stability_reproduces_when_its_seeds_hold_the_figure(evidence):
-    stability = evidence.stability.copy()
-    stability.loc[stability["model"] == "EMoR", "total_variance"] = [3.0, 4.0, 5.0]
-    table = claims_table(replace(evidence, stability=stability))
-    assert verdict_of(table, "total variance of EMoR") == "reproduced"
-    assert verdict_of(claims_table(evidence), "total variance of EMoR") == "differs"
+def test_stability_reproduces_when_its_seeds_hold_the_figure(results):
+    stability = results.stability.copy()
+    stability.loc[stability["model"] == "EMoR-3", "total_variance"] = [3.0, 4.0, 5.0]
+    table = claims_table(replace(results, stability=stability))
+    assert verdict_of(table, "total variance of EMoR-3") == "reproduced"
+    assert verdict_of(claims_table(results), "total variance of EMoR-3") == "differs"
 
 
 def test_no_fourteen_values_have_the_printed_statistics():
-    assert [row.split(":")[0] for row in papers_impossible_spreads()] == ["SLR ldl d=1"]
+    assert [row.split(":")[0] for row in papers_impossible_spreads()] == [LDL]
     mean, _, sd, largest, *_ = CALIBRATION[LDL]
     rng = np.random.default_rng(0)
     most = 0.0
@@ -188,22 +207,22 @@ def test_no_fourteen_values_have_the_printed_statistics():
     assert drawn.std(axis=1, ddof=1).max() < most < sd - 0.0005
 
 
-def test_energy_grows_with_the_components(evidence):
-    assert emor_energy(evidence.fitting, 1) < emor_energy(evidence.fitting, 2) < emor_energy(evidence.fitting, 3) < 100
+def test_energy_grows_with_the_components(results):
+    assert emor_energy(results, 1) < emor_energy(results, 2) < emor_energy(results, 3) < 100
 
 
 @pytest.mark.dorf
-def test_energy_of_dorf(dorf_curves, evidence):
+def test_energy_of_dorf(dorf_curves, results):
     curves = dorf_curves.curves
     values = np.linalg.svd(curves - curves.mean(axis=0), compute_uv=False) ** 2
     for k in (1, 2, 3):
-        np.testing.assert_allclose(emor_energy(evidence.fitting, k), 100 * values[:k].sum() / values.sum(), atol=0.1)
+        np.testing.assert_allclose(emor_energy(results, k), 100 * values[:k].sum() / values.sum(), atol=0.1)
 
 
 @pytest.mark.dorf
-def test_near_copies_of_dorf(dorf_curves, evidence):
+def test_near_copies_of_dorf(dorf_curves, results):
     counts = near_copy_counts()
-    assert counts.iloc[0].to_dict() == evidence.copies.iloc[0].to_dict()
+    assert counts.iloc[0].to_dict() == results.copies.iloc[0].to_dict()
     distance = np.sqrt(((dorf_curves.curves[:, None] - dorf_curves.curves[None]) ** 2).mean(axis=-1))
     np.fill_diagonal(distance, np.inf)
     assert (distance.min(axis=1) < 0.01).sum() == counts["not_alone"].item()
@@ -216,30 +235,31 @@ def test_losses_and_estimates_of_the_paper():
     assert smoothness_loss(straight**2) > smoothness_loss(straight)
 
 
-def test_speed_is_a_ratio_to_slr(evidence):
-    table = evidence.calibration.set_index(["model", "constraint", "n_params"])["seconds"]
-    gamma = ("Gamma", "", 1)
-    assert speed_ratio(evidence.calibration, [gamma]) == table[gamma] / table[LDL]
+def test_speed_is_a_ratio_to_slr(results):
+    seconds = results.calibration["seconds"]
+    assert speed_ratio(results.calibration, ["Gamma-1"]) == seconds["Gamma-1"] / seconds[LDL]
 
 
-def test_recorded_stability_is_what_the_function_gives(evidence):
+@pytest.mark.slow
+def test_recorded_stability_is_what_the_function_gives(results):
     ours = stability_by_seed([1]).set_index("model")
-    recorded = evidence.stability.query("seed == 1").set_index("model")
+    recorded = results.stability.query("seed == 1").set_index("model")
     np.testing.assert_allclose(ours["total_variance"], recorded["total_variance"], rtol=0.05)
     np.testing.assert_allclose(ours["mean_rmse"], recorded["mean_rmse"], rtol=0.05)
 
 
-def test_the_shipped_weights_are_one_of_the_trainings_that_span_their_row(evidence):
-    ours = evidence.fitting.query("model == 'SLR-ldl' and n_params == 1 and direction == 'forward'")
-    first = evidence.forward_trainings.set_index("seed").loc[0, "mean_rmse"]
-    assert ours.query("split == 'in-sample'")["mean_rmse"].item() == pytest.approx(first, rel=1e-4)
-    assert evidence.forward_trainings["mean_rmse"].min() < first < evidence.forward_trainings["mean_rmse"].max()
+def test_the_bundled_weights_are_one_of_the_trainings_that_span_their_row(results):
+    ours = results.fits().loc["SLR-ldl-1-forward", "mean_rmse"]
+    first = results.forward_trainings.set_index("seed").loc[0, "mean_rmse"]
+    assert ours == pytest.approx(first, rel=1e-4)
+    assert results.forward_trainings["mean_rmse"].min() < first < results.forward_trainings["mean_rmse"].max()
 
 
+@pytest.mark.slow
 @pytest.mark.dorf
-def test_recorded_trainings_are_what_the_function_gives(dorf_curves, evidence):
+def test_recorded_trainings_are_what_the_function_gives(dorf_curves, results):
     ours = trainings_by_seed(["ldl"], [2]).iloc[0]
-    recorded = evidence.trainings.query("constraint == 'ldl' and seed == 2").iloc[0]
+    recorded = results.trainings.query("constraint == 'ldl' and seed == 2").iloc[0]
     for column in ("mean", "sd", "ks"):
         assert ours[column] == pytest.approx(recorded[column], abs=0.02)
     assert ours["mean_rmse"] == pytest.approx(recorded["mean_rmse"], rel=0.05)
@@ -258,21 +278,21 @@ def test_when_latents_settle_and_how_they_swing(spreads, settled, swing):
     assert found["swing"] == pytest.approx(swing)
 
 
-def test_findings_are_whole_sentences_with_figures(evidence):
-    for points in (does_not_follow(evidence), holds(evidence)):
-        assert len({point.title for point in points}) == len(points) >= 5
-        assert all(point.text.endswith(".") and "nan" not in point.text for point in points)
-    assert any("142 of the 201" in point.text for point in does_not_follow(evidence))
+def test_findings_are_whole_sentences_with_figures(results):
+    for findings in (does_not_follow(results), holds(results)):
+        assert len(findings) >= 5
+        assert all(text.endswith(".") and "nan" not in text for text in findings.values())
+    assert "142 of the 201" in does_not_follow(results)["Near-copies in random folds"]
 
 
-def test_what_holds_is_so(evidence):
-    rows = evidence.fitting.query("direction == 'forward' and split == 'in-sample' and n_params == 1")
-    ours = rows.set_index("model")["mean_rmse"]
-    others = ours[~ours.index.str.startswith("SLR")]
-    assert ours["SLR-ldl"] < others.min()
+def test_what_holds_is_so(results):
+    ours = results.fits()["mean_rmse"]
+    others = ours[ours.index.str.endswith("-1-forward") & ~ours.index.str.startswith("SLR")]
+    assert len(others) == 5
+    assert ours["SLR-ldl-1-forward"] < others.min()
 
 
-def test_evidence_needs_no_data(monkeypatch):
+def test_results_need_no_data(monkeypatch):
     monkeypatch.delenv("CRFBENCH_DATA", raising=False)
     assert len(module.claims_table()) > 100
     assert load_recorded("dorf_copies")[1]["command"] == "python scripts/record_report.py"

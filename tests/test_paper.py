@@ -1,6 +1,9 @@
 import pytest
 
 from crfbench import paper
+from crfbench.models.registry import ModelKey, bundled_models
+from crfbench.paper import printed
+from crfbench.paper.verdicts import verdict
 
 
 @pytest.mark.parametrize(
@@ -15,11 +18,24 @@ from crfbench import paper
     ],
 )
 def test_verdict_goes_by_the_last_printed_digit(ours, printed, expected):
-    assert paper.verdict(ours, printed) == expected
+    assert verdict(ours, printed) == expected
 
 
 def test_tables_are_complete():
-    assert len(paper.FITTING) == 14
-    assert len(paper.CALIBRATION) == 13
-    assert all(len(row) == len(paper.CALIBRATION_COLUMNS) for row in paper.CALIBRATION.values())
-    assert min(paper.STABILITY, key=paper.STABILITY.__getitem__) == "SLR"
+    assert len(printed.FITTING) == 14
+    assert len(printed.CALIBRATION) == 13
+    assert all(len(row) == len(printed.CALIBRATION_COLUMNS) for row in printed.CALIBRATION.values())
+    assert min(printed.STABILITY, key=printed.STABILITY.__getitem__) == "SLR-ldl-1"
+
+
+def test_what_is_printed_is_of_models_that_can_be_loaded():
+    for name in (*printed.STABILITY, *printed.CALIBRATION, *printed.FITTING):
+        key = ModelKey.parse(name)
+        assert str(key) == name
+        assert key.constraint == "published" or key in bundled_models()
+
+
+def test_everything_at_the_door_is_found():
+    assert all(getattr(paper, name) is not None for name in paper.__all__)
+    with pytest.raises(AttributeError, match=r"it has .*claims_table"):
+        paper.nothing  # noqa: B018

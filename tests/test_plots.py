@@ -14,9 +14,8 @@ from crfbench.curves import GRID
 from crfbench.datasets import load_opencrf, load_patches
 from crfbench.datasets.middlebury import patch_intensity
 from crfbench.models import load_model
-from crfbench.paper import FITTING
-from crfbench.results import comparison
-from crfbench.tables.recorded import load_recorded
+from crfbench.models.registry import ModelKey
+from crfbench.paper import FITTING, comparison_figure, load_recorded, plot_fitting, plot_validity
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +35,7 @@ def drawn(ax):
 
 def test_curves_are_drawn_as_they_are_and_counted_by_kind():
     responses = load_opencrf()
-    ax = plots.plot_curves(responses.curves, responses.families)
+    ax = plots.plot_curves(responses.curves, responses.families, direction="forward")
     thin = np.array([line.get_ydata() for line in ax.get_lines() if line.get_linewidth() < 0.7])
     assert sorted(map(tuple, thin.round(9))) == sorted(map(tuple, responses.curves.round(9)))
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
@@ -47,7 +46,7 @@ def test_curves_are_drawn_as_they_are_and_counted_by_kind():
 
 def test_families_are_told_apart_without_colours():
     responses = load_opencrf()
-    ax = plots.plot_curves(responses.curves, responses.families)
+    ax = plots.plot_curves(responses.curves, responses.families, direction="forward")
     medians = [line for line in ax.get_lines() if line.get_linewidth() == 2]
     negatives = responses.curves[np.asarray(responses.families) == "film-negative"]
     by_label = {line.get_label().split()[0]: line.get_ydata() for line in medians}
@@ -77,22 +76,22 @@ def test_patches_draw_every_patch_of_every_camera():
 
 
 def test_fitting_shows_our_figures_and_the_papers(fitting):
-    ax = plots.plot_fitting(fitting)
+    ax = plot_fitting(fitting, "forward")
     by_label = {line.get_label(): line for line in ax.get_lines()}
-    rows = fitting.query("model == 'GGCM' and direction == 'forward' and split == 'in-sample'")
+    rows = fitting.query("model.str.startswith('GGCM') and direction == 'forward' and split == 'in-sample'")
     assert np.allclose(by_label["GGCM"].get_ydata(), rows["mean_rmse"])
     crosses = np.concatenate([np.asarray(c.get_offsets()).reshape(-1, 2) for c in ax.collections])
     shown = {(int(k), round(v, 9)) for k, v in crosses if np.isfinite(v)}
-    assert shown == {(k, float(v)) for (_, k), v in FITTING.items()}
+    assert shown == {(ModelKey.parse(name).n_params, float(figure)) for name, figure in FITTING.items()}
     named = [name for text in ax.texts for name in text.get_text().split("\n")]
     assert sorted(set(named)) == ["GGCM", "Gamma", "Polynomial", "SLR"]  # EMoR's crosses lie on its line
-    assert len(named) == len([model for model, _ in FITTING if model != "EMoR"])
-    inverse = plots.plot_fitting(fitting, "inverse")  # of which the paper says nothing
+    assert len(named) == sum(not name.startswith("EMoR") for name in FITTING)
+    inverse = plot_fitting(fitting)  # of which the paper says nothing
     assert sum(len(np.asarray(c.get_offsets())) for c in inverse.collections) == 0
 
 
 def test_validity_bars_are_shares_in_percent(fitting):
-    ax = plots.plot_validity(fitting)
+    ax = plot_validity(fitting, "forward")
     rows = fitting.query("direction == 'forward' and split == 'in-sample'")
     lengths = [bar.get_width() for bar in ax.containers[0]]
     assert np.allclose(lengths, 100 * rows["nonmonotone"])
@@ -100,10 +99,10 @@ def test_validity_bars_are_shares_in_percent(fitting):
 
 def test_comparison_takes_the_curve_that_gamma_fits_worst_and_names_every_model():
     responses = load_opencrf().select(range(0, 151, 6))
-    ax = comparison(responses)
+    ax = comparison_figure(responses)
     assert ax.get_title() in responses.names
     assert len(drawn(ax)) == 6
-    assert comparison(responses, 3).get_title() == responses.names[3]
+    assert comparison_figure(responses, 3).get_title() == responses.names[3]
 
 
 def test_chart_outlines_the_patches_where_the_corners_say_and_numbers_four():
@@ -135,7 +134,7 @@ def test_calibration_draws_what_is_put_beside_it_and_residuals_leave_clipped_pat
     clipped = np.zeros((2, 3), bool)
     clipped[1, 2] = True
     brightness, reference = np.array([[0.2, 0.4, 0.6], [0.4, 0.6, 1.0]]), np.array([0.05, 0.15, 0.4])
-    result = calibrate(load_model("Gamma", 1, "inverse"), Observations(brightness, reference, clipped=clipped), "map")
+    result = calibrate(load_model("Gamma-1"), Observations(brightness, reference, clipped=clipped), "map")
     assert np.allclose(drawn(plots.plot_calibration(result, beside={"truth": GRID**2}))[-1], GRID**2)
     shown = plots.plot_residuals(result).get_lines()[-1]
     np.testing.assert_allclose(shown.get_xdata(), brightness[~clipped])

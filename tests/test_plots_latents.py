@@ -48,7 +48,7 @@ def test_columns_last_until_the_next_epoch_kept():
     assert mesh.get_coordinates()[0, :, 0].tolist() == [1, 2, 5, 10, 11]
 
 
-def test_the_papers_figure_from_the_shipped_histories_has_names_on_its_axes():
+def test_the_papers_figure_from_the_bundled_histories_has_names_on_its_axes():
     names = ("LDL", "AUC", "AAE", "VAE", "baseline")
     axes = plots.plot_latent_epochs({name: load_history(name.lower()) for name in names})
     assert [ax.get_title()[:3] for ax in axes] == ["(a)", "(b)", "(c)", "(d)", "(e)", "(f)"]

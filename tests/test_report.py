@@ -1,18 +1,20 @@
 """The report as a file: complete, well-formed, the same at each run, and with nothing from elsewhere."""
 
-import html
 import re
 from html.parser import HTMLParser
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
+from markupsafe import escape
 
-from crfbench import plots, report
-from crfbench.tables.claims import claims_table, verdict_counts
-from crfbench.tables.evidence import load_evidence
-from crfbench.tables.findings import does_not_follow, holds
-from crfbench.tables.leaderboard import leaderboard
+from crfbench.paper import report
+from crfbench.paper.claims import claims_table, verdict_counts
+from crfbench.paper.figures import plot_against_paper
+from crfbench.paper.findings import does_not_follow, holds
+from crfbench.paper.results import leaderboard
+from crfbench.paper.results import load_results
 
 VOID = {"meta", "wbr", "br", "path", "use", "rect"}
 
@@ -43,9 +45,13 @@ class Outline(HTMLParser):
         return [attributes for name, attributes in self.found if name == tag]
 
 
+def escaped(text: str) -> str:
+    return str(escape(text))
+
+
 @pytest.fixture(scope="module")
-def page() -> str:
-    return report.report_page()
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return report.write_report(tmp_path_factory.mktemp("report") / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -83,17 +89,30 @@ def test_identifiers_are_unique_and_found(page, outline):
 
 
 def test_every_claim_and_finding_is_on_the_page(page):
-    evidence = load_evidence()
-    claims = claims_table(evidence)
+    results = load_results()
+    claims = claims_table(results)
     for row in claims.to_dict("records"):
-        assert html.escape(row["claim"]) in page
-        assert html.escape(row["why"]) in page
-    for point in [*does_not_follow(evidence), *holds(evidence)]:
-        assert html.escape(point.text) in page
+        assert escaped(row["claim"]) in page
+        assert escaped(row["why"]) in page
+    for title, text in (does_not_follow(results) | holds(results)).items():
+        assert f"<b>{escaped(title)}.</b> {escaped(text)}" in page
     for name, count in verdict_counts(claims).loc["all"].items():
         assert page.count(f"</span> {name}</span></td>") == count
     for model in leaderboard()["model"]:
         assert f'"{model}"' in page
+
+
+def test_text_is_escaped_wherever_it_stands(monkeypatch):
+    rows = claims_table().iloc[[0, -1]].copy()
+    for column in rows.columns.drop(["where", "verdict"]):
+        rows[column] = f"<script>{column}</script>"
+    monkeypatch.setattr(report, "claims_table", lambda results: rows)
+    monkeypatch.setattr(report, "holds", lambda results: {"<i>": '"&'})
+    body = report.report_body()
+    assert "<b>&lt;i&gt;.</b> &#34;&amp;</li>" in body
+    for column in rows.columns.drop(["where", "verdict"]):
+        assert f"<script>{column}" not in body
+        assert body.count(f"&lt;script&gt;{column}&lt;/script&gt;") == 2
 
 
 def test_every_run_writes_the_same_and_leaves_no_figure_open(page, tmp_path):
@@ -109,7 +128,8 @@ def test_figures_take_the_colours_of_the_page(page):
 
 
 def test_figures_show_the_figures_of_the_tables():
-    ax = plots.plot_against_paper(["a", "b"], [1.0, 2.0], [[0.5, 1.0], [2.0, 2.5]], [3.0, 0.1], "size")
+    printed = {"a": 3.0, "b": 0.1}
+    ax = plot_against_paper(pd.Series([1.0, 2.0], ["a", "b"]), [[0.5, 1.0], [2.0, 2.5]], printed, "size")
     crosses = ax.get_lines()[-1]
     np.testing.assert_array_equal(crosses.get_xdata(), [3.0, 0.1])
     bars = np.array(ax.collections[0].get_segments())[:, :, 0]

@@ -12,21 +12,19 @@ from crfbench.calibration.observations import REFERENCE_ERROR, colour_spread
 from crfbench.checks import check_choice, check_seed
 from crfbench.curves import Array, evaluate
 from crfbench.datasets import load_patches, load_responses, registry
-from crfbench.datasets.middlebury import N_PATCHES, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays
-from crfbench.errors import InputError
+from crfbench.datasets.middlebury import N_PATCHES, REFERENCE_IRRADIANCE, THREE_GREYS, PatchArrays, patch_arrays
 from crfbench.metrics import rmse, statistics, summarise
-from crfbench.models import ResponseModel, load_model
-from crfbench.paper import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
+from crfbench.models import load_model
+from crfbench.models.registry import ModelKey
+from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
 
 COLUMNS = (
-    "model", "constraint", "n_params", "method", "patches", "channel", "mean", "median", "sd", "max", "p95", "low",
-    "high", "difference", "difference_low", "difference_high", "beyond_0.005", "coverage", "seconds", "paper_mean",
-    "paper_seconds", "verdict",
+    "model", "method", "patches", "channel", "mean", "median", "sd", "max", "p95", "low", "high", "difference",
+    "difference_low", "difference_high", "beyond_0.005", "coverage", "seconds", "paper_mean", "paper_seconds",
+    "verdict",
 )  # fmt: skip
-#: Model, constraint, number of parameters, in the paper's order, then those it lacks.
-ROWS = (*CALIBRATION, ("SLR", "monotone", 1), ("SLR", "monotone", 3), ("PPISP", "", 4))
-#: Numbers of the patches (from 1) used with "3": white, a middle and the black grey.
-THREE_GREYS = (19, 21, 24)
+#: The models in the paper's order, then those it lacks.
+ROWS = (*CALIBRATION, "SLR-monotone-1", "SLR-monotone-3", "PPISP-4")
 CHANNELS = ("intensity", "r", "g", "b")
 
 _RANDOM_TRIPLES = 10
@@ -40,8 +38,7 @@ def calibration_table(
     patches: str = "3",
     method: str = "map",
     channel: str = "intensity",
-    rows: Sequence[tuple[str, str, int]] = ROWS,
-    frame: pd.DataFrame | None = None,
+    rows: Sequence[str | ModelKey] = ROWS,
     seed: int = 0,
 ) -> pd.DataFrame:
     """Calibrate every camera on one illumination, test on the other, both ways, with every model.
@@ -51,12 +48,11 @@ def calibration_table(
     patches : {"3", "24", "random"}
         "3": patches 19, 21 and 24 of the grey row; "24": all; "random": ten random triples, the RMSE averaged.
     method : str
-        Of `crfbench.calibration.calibrate`, but for "grid": "lm" does the same where there is one parameter.
+        Of `crfbench.calibrate`, but for "grid": "lm" does the same where there is one parameter.
     channel : {"intensity", "r", "g", "b"}
         The mean of red, green and blue as in the paper, or one of them.
-    rows : sequence of (model, constraint, number of parameters)
-    frame : DataFrame, optional
-        A patch table; default the shipped one.
+    rows : sequence of str or ModelKey
+        Inverse models.
     seed : int
         Of the triples, of the random starts and of the bootstrap.
 
@@ -70,64 +66,28 @@ def calibration_table(
         whether they lie wholly beyond what the paper calls significant. ``coverage`` is the share of held-out RAW
         inside the 90 % band for measurements ("posterior"). ``seconds`` is for all calibrations of the row.
         ``verdict``: "reproduced" when the paper's mean lies within 0.005 of ours or inside its bounds, else
-        "differs"; "not comparable" unless method and patches are the paper's. Rows named "floor" use the test data
-        themselves: no calibration gets below them.
-
-    Raises
-    ------
-    InputError
-        For patches, a method or a channel that are not known.
+        "differs"; "not comparable" unless method and patches are the paper's. Rows with the method "floor" are fitted
+        to the test data themselves: no calibration gets below them.
     """
-    methods = [name for name in METHODS if name != "grid"]
-    if method not in methods:
-        raise InputError(f"method={method!r} is not for tables; use one of {', '.join(methods)}")
+    check_choice("method", method, [name for name in METHODS if name != "grid"])
     check_choice("channel", channel, CHANNELS)
-    check_seed(seed)
-    chart = patch_arrays(load_patches() if frame is None else frame)
-    subsets = _subsets(patches, seed)
-    results = [_calibrated(row, chart, subsets, (method, channel, seed)) for row in rows]
-    listed = [(row, method, *result) for row, result in zip(rows, results, strict=True)]
-    listed += [((name, "", 0), "floor", cameras, np.nan, np.nan) for name, cameras in _floors(chart, channel)]
-    first = results[0][0]
-    return pd.DataFrame(
-        [_row(entry, (patches, channel), first, seed) for entry in listed],
-        columns=list(COLUMNS),
-    )
+    chart, subsets = patch_arrays(load_patches()), _subsets(patches, check_seed(seed))
+    found = [(name, method, *_calibrated(name, chart, subsets, (method, channel, seed))) for name in map(str, rows)]
+    found += [(name, "floor", cameras, np.nan, np.nan) for name, cameras in _floors(chart, channel)]
+    first, table = found[0][2], []
+    for name, how, cameras, covered, seconds in found:
+        case = {"model": name, "method": how, "patches": patches, "channel": channel}
+        measured = {**_over_cameras(cameras, first, seed), "coverage": covered, "seconds": seconds}
+        table.append({**case, **measured, **_beside_paper(case, measured)})
+    return pd.DataFrame(table, columns=list(COLUMNS))
 
 
-def camera_rmse_table(
-    patches: str = "3", method: str = "map", rows: Sequence[tuple[str, str, int]] = ROWS
-) -> pd.DataFrame:
+def camera_rmse_table(patches: str = "3", method: str = "map", rows: Sequence[str | ModelKey] = ROWS) -> pd.DataFrame:
     """Return the RMSE of every camera (rows) with every model (columns), as `calibration_table` summarises it."""
     chart, subsets = patch_arrays(load_patches()), _subsets(patches, 0)
-    found = {
-        " ".join(map(str, filter(None, row))): _calibrated(row, chart, subsets, (method, "intensity", 0))[0]
-        for row in rows
-    }
-    floors = dict(list(_floors(chart, "intensity"))[:1])
-    return pd.DataFrame({**found, **floors}, index=pd.Index(chart.cameras, name="camera"))
-
-
-def table_model(row: tuple[str, str, int]) -> ResponseModel:
-    """Load the inverse model of a table's row: model, constraint, number of parameters."""
-    family, constraint, k = row
-    return load_model(f"{family}-{constraint}" if constraint else family, k, "inverse")
-
-
-def held_out_rmse(curves: Array, jpeg: Array, raw: Array) -> Array:
-    """Return the RMSE of inverse responses against RAW, without alignment.
-
-    Parameters
-    ----------
-    curves : ndarray, shape (n, 1024)
-    jpeg, raw : ndarray, shape (n, m)
-        Brightness and irradiance of the same patches.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
-    return rmse(evaluate(curves, jpeg), raw)
+    found = {name: _calibrated(name, chart, subsets, (method, "intensity", 0))[0] for name in map(str, rows)}
+    floor, cameras = next(_floors(chart, "intensity"))
+    return pd.DataFrame({**found, floor: cameras}, index=pd.Index(chart.cameras, name="camera"))
 
 
 def chart_observations(chart: PatchArrays, channel: str = "intensity") -> tuple[Observations, Array, Array]:
@@ -148,6 +108,7 @@ def chart_observations(chart: PatchArrays, channel: str = "intensity") -> tuple[
     else:
         which = "rgb".index(channel)
         jpeg, raw = chart.jpeg[..., which], chart.raw[..., which]
+        # The reference is of intensity; one channel of a coloured patch is off by about the spread of its channels.
         error = np.hypot(REFERENCE_ERROR, _COLOUR_SLOPE * colour_spread(rgb))
         observations = Observations(rgb[..., which], REFERENCE_IRRADIANCE, clipped=clipped, reference_error=error)
     jpeg, raw = (_swapped(array.reshape(len(rgb), -1)) for array in (jpeg, raw))
@@ -159,10 +120,14 @@ def _swapped(sets: Array) -> Array:
     return sets.reshape(-1, _ILLUMINATIONS, *sets.shape[1:])[:, ::-1].reshape(sets.shape)
 
 
+def camera_rmse(result: Calibration, jpeg: Array, raw: Array) -> Array:
+    """Return the RMSE of each camera, averaged over both ways (and over subsets), shape (c,)."""
+    each = rmse(evaluate(result.curves, jpeg), raw)
+    return each.reshape(-1, len(jpeg) // _ILLUMINATIONS, _ILLUMINATIONS).mean(axis=(0, 2))
+
+
 def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: Array) -> float:
     """Return the share of held-out measurements inside the 90 % band, widened by their own noise.
-
-    That noise is the stated one, or what the calibration found where it found more.
 
     Parameters
     ----------
@@ -172,6 +137,7 @@ def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: 
         Of all patches, from `chart_observations`; the sets of one camera are held out for each other.
     jpeg, raw : ndarray, shape (n, m)
     """
+    # The noise is the stated one, or what the calibration found where it found more.
     scale = np.maximum(1.0 if result.noise_scale is None else result.noise_scale, 1.0)
     chart_error = _swapped(np.broadcast_to(observations.reference_error[:, None], observations.brightness.shape))
     error = np.reshape(scale, (-1, 1)) * np.hypot(Noise().relative(jpeg), chart_error.reshape(len(jpeg), -1))
@@ -181,34 +147,26 @@ def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: 
     return float(((off >= -np.hypot(below, _Z90 * error)) & (off <= np.hypot(above, _Z90 * error))).mean())
 
 
-def bootstrap_means(values: Array, seed: int = 0) -> Array:
-    """Return the means of resampled cameras, shape (2000,), the same resamples for the same seed: pairs stay pairs."""
-    return np.asarray(_resampled(values, seed).mean(axis=1))
-
-
 def bootstrap_bounds(values: Array, seed: int = 0) -> dict[str, tuple[float, float]]:
-    """Return the 95 % bounds of each statistic of `crfbench.metrics.summarise`, over resampled cameras."""
-    bounds = {name: np.percentile(drawn, (2.5, 97.5)) for name, drawn in statistics(_resampled(values, seed)).items()}
+    """Return the 95 % bounds of each statistic of `crfbench.metrics.summarise`, over resampled cameras.
+
+    Parameters
+    ----------
+    values : ndarray, shape (c,)
+        One of each camera. The same seed draws the same cameras, so that differences stay paired.
+    seed : int
+    """
+    picked = np.random.default_rng(seed).integers(len(values), size=(_RESAMPLES, len(values)))
+    bounds = {name: np.percentile(drawn, (2.5, 97.5)) for name, drawn in statistics(values[picked]).items()}
     return {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
 
 
-def _resampled(values: Array, seed: int) -> Array:
-    n = values.shape[-1]
-    return np.asarray(values[np.random.default_rng(seed).integers(n, size=(_RESAMPLES, n))])
-
-
-def camera_rmse(result: Calibration, jpeg: Array, raw: Array) -> Array:
-    """Return the RMSE of each camera, averaged over both ways (and over subsets), shape (c,)."""
-    each = held_out_rmse(result.curves, jpeg, raw)
-    return each.reshape(-1, len(jpeg) // _ILLUMINATIONS, _ILLUMINATIONS).mean(axis=(0, 2))
-
-
 def _calibrated(
-    row: tuple[str, str, int], chart: PatchArrays, subsets: list[np.ndarray], how: tuple[str, str, int]
+    name: str, chart: PatchArrays, subsets: list[np.ndarray], how: tuple[str, str, int]
 ) -> tuple[Array, float, float]:
     """Return the RMSE of each camera, the coverage of the bands and the seconds of one row of the table."""
     method, channel, seed = how
-    model = table_model(row)
+    model = load_model(name)
     observations, jpeg, raw = chart_observations(chart, channel)
     results = [calibrate(model, observations.take(subset), method, seed=seed) for subset in subsets]
     cameras = np.mean([camera_rmse(result, jpeg, raw) for result in results], axis=0)
@@ -232,46 +190,40 @@ def _per_camera(values: Array) -> Array:
     return values.reshape(-1, _ILLUMINATIONS).mean(axis=1)
 
 
-def _row(
-    entry: tuple[tuple[str, str, int], str, Array, float, float], where: tuple[str, str], first: Array, seed: int
-) -> dict[str, object]:
-    key, method, cameras, covered, seconds = entry
-    low, high = np.percentile(bootstrap_means(cameras, seed), (2.5, 97.5))
-    apart = np.percentile(bootstrap_means(cameras - first, seed), (2.5, 97.5))
-    figures = dict(zip(CALIBRATION_COLUMNS, CALIBRATION[key], strict=True)) if key in CALIBRATION else {}
-    statistics = summarise(cameras)
+def _over_cameras(cameras: Array, first: Array, seed: int) -> dict[str, object]:
+    """Summarise the RMSE of the cameras, and how far its mean lies from that of the table's first row."""
+    low, high = bootstrap_bounds(cameras, seed)["mean"]
+    nearest, farthest = bootstrap_bounds(cameras - first, seed)["mean"]
     return {
-        **dict(zip(("model", "constraint", "n_params"), key, strict=True)),
-        **dict(zip(("patches", "channel"), where, strict=True)),
-        "method": method,
-        **statistics,
+        **summarise(cameras),
         "low": low,
         "high": high,
         "difference": float((cameras - first).mean()),
-        "difference_low": apart[0],
-        "difference_high": apart[1],
-        "beyond_0.005": bool(apart[0] > SIGNIFICANT_RMSE or apart[1] < -SIGNIFICANT_RMSE),
-        "coverage": covered,
-        "seconds": seconds,
-        "paper_mean": figures.get("mean"),
-        "paper_seconds": figures.get("seconds"),
-        "verdict": _verdict(statistics["mean"], (low, high), figures.get("mean"), (method, *where)),
+        "difference_low": nearest,
+        "difference_high": farthest,
+        "beyond_0.005": nearest > SIGNIFICANT_RMSE or farthest < -SIGNIFICANT_RMSE,
     }
 
 
-def _verdict(mean: float, bounds: tuple[float, float], printed: float | None, case: tuple[str, str, str]) -> str:
-    if printed is None or case != ("paper", "3", "intensity"):
-        return "not comparable"
-    near = abs(mean - printed) <= SIGNIFICANT_RMSE or bounds[0] <= printed <= bounds[1]
-    return "reproduced" if near else "differs"
+def _beside_paper(case: dict[str, str], ours: dict[str, object]) -> dict[str, object]:
+    """Return the paper's figures of a row and, where method and patches are the paper's, the verdict on our mean."""
+    if case["model"] not in CALIBRATION:
+        return {"verdict": "not comparable"}
+    printed = dict(zip(CALIBRATION_COLUMNS, CALIBRATION[case["model"]], strict=True))
+    mean, low, high = (float(str(ours[name])) for name in ("mean", "low", "high"))
+    verdict = "not comparable"
+    if (case["method"], case["patches"], case["channel"]) == ("paper", "3", "intensity"):
+        near = abs(mean - printed["mean"]) <= SIGNIFICANT_RMSE or low <= printed["mean"] <= high
+        verdict = "reproduced" if near else "differs"
+    return {"paper_mean": printed["mean"], "paper_seconds": printed["seconds"], "verdict": verdict}
 
 
 def _subsets(patches: str, seed: int) -> list[np.ndarray]:
-    if patches == "3":
-        return [np.array(THREE_GREYS) - 1]
-    if patches == "24":
-        return [np.arange(N_PATCHES)]
-    if patches == "random":
-        rng = np.random.default_rng(seed)
-        return [rng.choice(N_PATCHES, 3, replace=False) for _ in range(_RANDOM_TRIPLES)]
-    raise InputError(f"patches={patches!r} is not known; use 3, 24 or random")
+    """Return the sets of patches, from 0, that a camera is calibrated with."""
+    check_choice("patches", patches, ("3", "24", "random"))
+    rng = np.random.default_rng(seed)
+    return {
+        "3": [np.array(THREE_GREYS) - 1],
+        "24": [np.arange(N_PATCHES)],
+        "random": [rng.choice(N_PATCHES, 3, replace=False) for _ in range(_RANDOM_TRIPLES)],
+    }[patches]

@@ -12,11 +12,12 @@ from crfbench.curves import GRID, Array, evaluate, repair
 from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import EXPOSURES, PatchArrays, patch_arrays
 from crfbench.metrics import nonmonotone, rmse
-from crfbench.tables.calibration import ROWS, chart_observations, table_model
+from crfbench.models import load_model
+from crfbench.paper.calibration import ROWS, chart_observations
 
 COLUMNS = (
-    "model", "constraint", "n_params", "method", "mean", "median", "max", "below_debevec", "below_robertson",
-    "below_both", "monotone", "failed", "seconds",
+    "model", "method", "mean", "median", "max", "below_debevec", "below_robertson", "below_both", "monotone", "failed",
+    "seconds",
 )  # fmt: skip
 #: One stop from each photograph to the next.
 STEPS: Array = np.arange(len(EXPOSURES), dtype=float)
@@ -34,32 +35,36 @@ def chart_free_table(method: str = "posterior") -> pd.DataFrame:
         With the columns of `COLUMNS`, one row a model, then OpenCV's. RMSE is against RAW of the other illumination
         with the one scale that fits best, since exposures alone tell no scale; means over both illuminations of a
         camera. ``below_...`` count the cameras with an RMSE at or below OpenCV's, one that failed counting as beaten;
-        ``monotone`` is the share of curves that never fall, ``failed`` that of calibrations without a finite result.
+        ``monotone`` is the share of monotone curves, ``failed`` that of calibrations without a finite result.
         Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches
         as grey pixels, which serves it better than intensities do, and its results are interpolated between the levels
         that occur.
     """
     chart = patch_arrays(load_patches())
     _, jpeg, raw = chart_observations(chart)
+    found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method))) for name in ROWS]
     rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}
+    found += [(f"OpenCV {name}", "opencv", *timed) for name, timed in rivals.items()]
     theirs = {name: _camera_rmse(curves, jpeg, raw) for name, (curves, _) in rivals.items()}
-    rows = []
-    for family, constraint, k in ROWS:
-        curves, seconds = _timed(partial(chart_free_curves, chart, (family, constraint, k), method))
-        rows.append(((family, constraint, k, method), curves, seconds))
-    rows += [((f"OpenCV {name}", "", 0, "opencv"), *timed) for name, timed in rivals.items()]
-    return pd.DataFrame(
-        [_row(key, curves, seconds, _camera_rmse(curves, jpeg, raw), theirs) for key, curves, seconds in rows],
-        columns=list(COLUMNS),
-    )
+    rows = [
+        {
+            "model": name,
+            "method": how,
+            **_beside_opencv(_camera_rmse(curves, jpeg, raw), theirs),
+            **_validity(curves),
+            "seconds": seconds,
+        }
+        for name, how, curves, seconds in found
+    ]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def chart_free_curves(chart: PatchArrays, row: tuple[str, str, int], method: str = "posterior") -> Array:
+def chart_free_curves(chart: PatchArrays, model: str, method: str = "posterior") -> Array:
     """Return the inverse responses (28, 1024) of every camera and illumination, from exposure steps alone."""
     rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])
     clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])
     observations = Observations.from_rgb(rgb, None, exposures=STEPS, clipped=clipped)
-    return repair(calibrate(table_model(row), observations, method).curves)
+    return repair(calibrate(load_model(model), observations, method).curves)
 
 
 def opencv_curves(chart: PatchArrays, name: str) -> Array:
@@ -84,7 +89,7 @@ def _opencv_curve(levels: np.ndarray, name: str) -> Array:
     calibrator = cv2.createCalibrateDebevec() if name == "Debevec" else cv2.createCalibrateRobertson()
     response = calibrator.process(pictures, (2.0**STEPS).astype(np.float32))[:, 0, 0]
     told = np.isfinite(response) & (response > 0)
-    if name == "Robertson":
+    if name == "Robertson":  # it keeps its first guess for levels that never occur
         told[np.setdiff1d(np.arange(_LEVELS), levels)] = False
     if told.sum() < 2:
         return np.full(GRID.shape, np.nan)
@@ -107,20 +112,18 @@ def _camera_rmse(curves: Array, jpeg: Array, raw: Array) -> Array:
     return np.where(known, both, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
 
 
-def _row(
-    key: tuple[str, str, int, str], curves: Array, seconds: float, cameras: Array, rivals: dict[str, Array]
-) -> dict[str, object]:
-    below = {name: (cameras <= rival) | np.isnan(rival) for name, rival in rivals.items()}
-    finite = np.isfinite(curves).all(axis=1)
+def _beside_opencv(cameras: Array, rivals: dict[str, Array]) -> dict[str, float]:
+    debevec, robertson = ((cameras <= rival) | np.isnan(rival) for rival in rivals.values())
     return {
-        **dict(zip(("model", "constraint", "n_params", "method"), key, strict=True)),
         "mean": float(np.nanmean(cameras)),
         "median": float(np.nanmedian(cameras)),
         "max": float(np.nanmax(cameras)),
-        "below_debevec": int(below["Debevec"].sum()),
-        "below_robertson": int(below["Robertson"].sum()),
-        "below_both": int((below["Debevec"] & below["Robertson"]).sum()),
-        "monotone": float(1.0 - nonmonotone(curves[finite]).mean()),
-        "failed": float(1.0 - finite.mean()),
-        "seconds": seconds,
+        "below_debevec": int(debevec.sum()),
+        "below_robertson": int(robertson.sum()),
+        "below_both": int((debevec & robertson).sum()),
     }
+
+
+def _validity(curves: Array) -> dict[str, float]:
+    finite = np.isfinite(curves).all(axis=1)
+    return {"monotone": float(1.0 - nonmonotone(curves[finite]).mean()), "failed": float(1.0 - finite.mean())}

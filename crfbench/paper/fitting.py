@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,10 +11,12 @@ from crfbench.curves import Array, Direction
 from crfbench.datasets import Responses, load_emor_basis, load_responses, registry
 from crfbench.datasets.folds import group_labels, grouped_folds
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
-from crfbench.models import MODELS, SLR, EMoR, ResponseModel
-from crfbench.models.weights import shipped_weights
-from crfbench.paper import FITTING, verdict
-from crfbench.tables.recorded import load_recorded
+from crfbench.models import SLR, EMoR, ResponseModel, load_model
+from crfbench.models.base import ClosedForm
+from crfbench.models.registry import MODELS, ModelKey, pretrained_models
+from crfbench.paper.printed import FITTING
+from crfbench.paper.results import load_recorded
+from crfbench.paper.verdicts import verdict
 
 COLUMNS = (
     "model", "n_params", "direction", "split", "mean_rmse", "median_rmse", "p95_rmse", "max_rmse", "mean_mse",
@@ -21,6 +24,8 @@ COLUMNS = (
 )  # fmt: skip
 DIRECTIONS: tuple[Direction, ...] = ("forward", "inverse")
 N_FOLDS = 5
+#: What of a model's name Table 1 leaves open: it has one SLR and one EMoR.
+_PAPERS_KIND = {"SLR": "ldl", "EMoR": "published"}
 
 
 def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECTIONS) -> pd.DataFrame:
@@ -34,16 +39,15 @@ def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECT
     Returns
     -------
     DataFrame
-        One row for each model, number of parameters, direction and split, with the columns of `COLUMNS`.
+        One row for each model and split, with the columns of `COLUMNS`.
         ``split`` is "in-sample" (what a model learns, it learned from these curves), "grouped-5fold" (from the
-        other folds, and curves of one film or camera never part; a model that learns nothing has the same
+        other folds, and curves of one film or camera stay together; a model that learns nothing has the same
         figures in both) or "other-set" (it learned from DoRF and these are OpenCRF's, or the other way round).
         The "grouped-5fold" rows of SLR models were recorded, for they train five networks each; see
         ``scripts/record_slr.py``. RMSE and MSE are in units of the curve's range; ``nonmonotone`` and ``out_of_range``
         are shares of the decoded curves; ``seconds`` is the time of all fits of the row; ``paper`` is the
         figure of the paper's Table 1, which speaks of forward in-sample fits of DoRF, and ``verdict`` follows
-        `crfbench.paper.verdict`. "EMoR" has the published basis, "EMoR-PCA" one learned here; "SLR-..." are the
-        shipped weights.
+        `crfbench.paper.verdicts.verdict`. "EMoR-published-..." has the published basis, "EMoR-..." one learned here.
     """
     rows = [row for direction in directions for row in _rows(responses, direction)]
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"paper": float})
@@ -55,7 +59,7 @@ def fitting_tables(which: str = "auto", directions: Sequence[Direction] = DIRECT
     Parameters
     ----------
     which : str
-        Of `crfbench.datasets.load_responses`.
+        Of `crfbench.load_responses`.
     directions : sequence of {"forward", "inverse"}
 
     Returns
@@ -88,81 +92,13 @@ def display_table(table: pd.DataFrame, direction: Direction, split: str) -> pd.D
 
 def papers_rising_rows() -> list[str]:
     """Name the steps of the paper's Table 1 where a model gets worse by one more parameter."""
-    steps = [(model, k) for model, k in FITTING if (model, k + 1) in FITTING]
-    rising = [(m, k) for m, k in steps if float(FITTING[m, k + 1]) > float(FITTING[m, k])]
-    return [f"{m}: {FITTING[m, k]} with {k}, {FITTING[m, k + 1]} with {k + 1} parameters" for m, k in rising]
-
-
-def _rows(responses: Responses, direction: Direction) -> Iterator[dict[str, object]]:
-    curves = responses.in_direction(direction)
-    folds = grouped_folds(group_labels(responses.units), N_FOLDS)
-    for kind, counts in MODELS.items():
-        for k in counts:
-            once = np.zeros(len(curves), dtype=np.intp)
-            in_sample = _fit_folds(kind, k, direction, curves, once)
-            held_out = _fit_folds(kind, k, direction, curves, folds) if kind.learns else in_sample
-            name = "EMoR-PCA" if kind is EMoR else kind.name
-            yield _row(name, k, direction, "in-sample", curves, in_sample, responses.dataset)
-            yield _row(name, k, direction, "grouped-5fold", curves, held_out, responses.dataset)
-    if registry.find(f"dorf/{'emor' if direction == 'forward' else 'invemor'}.txt"):
-        for k in MODELS[EMoR]:
-            published = _timed_fit(EMoR(*load_emor_basis(direction), k, direction), curves)
-            split = "in-sample" if responses.dataset == "dorf" else "other-set"
-            yield _row("EMoR", k, direction, split, curves, published, responses.dataset)
-    yield from _slr_rows(responses, direction, curves)
-
-
-def _slr_rows(responses: Responses, direction: Direction, curves: Array) -> Iterator[dict[str, object]]:
-    for name in shipped_weights():
-        stem, k, side = name.rsplit("-", 2)
-        if side == direction:
-            model = SLR.load(stem, int(k), direction)
-            split = "in-sample" if model.card_["data"] == responses.dataset else "other-set"
-            yield _row(f"SLR-{stem}", int(k), direction, split, curves, _timed_fit(model, curves), responses.dataset)
-    if responses.dataset == "dorf":
-        recorded = load_recorded("slr_heldout_dorf")[0].query("direction == @direction")
-        means = (
-            recorded.drop(columns=["seed", "in_sample_mean_rmse"]).groupby(["model", "n_params", "direction"]).mean()
-        )
-        for row in means.reset_index().to_dict("records"):
-            yield _judged({**row, "split": "grouped-5fold"}, responses.dataset)
-
-
-def _fit_folds(
-    kind: type[ResponseModel], k: int, direction: Direction, curves: Array, folds: np.ndarray
-) -> tuple[Array, float]:
-    """Fit each fold with a model learned from the others (from itself where there is only one)."""
-    decoded, seconds = np.empty_like(curves), 0.0
-    for fold in np.unique(folds):
-        test = folds == fold
-        train = curves if test.all() else curves[~test]
-        decoded[test], spent = _timed_fit(kind.from_curves(train, k, direction), curves[test])
-        seconds += spent
-    return decoded, seconds
-
-
-def _timed_fit(model: ResponseModel, curves: Array) -> tuple[Array, float]:
-    start = time.perf_counter()
-    params = model.fit(curves)
-    seconds = time.perf_counter() - start
-    return model.decode(params), seconds
-
-
-def _row(
-    model: str, k: int, direction: Direction, split: str, curves: Array, fit: tuple[Array, float], dataset: str
-) -> dict[str, object]:
-    decoded, seconds = fit
-    return _judged(
-        {
-            "model": model,
-            "n_params": k,
-            "direction": direction,
-            "split": split,
-            **figures(decoded, curves),
-            "seconds": seconds,
-        },
-        dataset,
-    )
+    rising = []
+    for name, figure in FITTING.items():
+        key = ModelKey.parse(name)
+        larger = FITTING.get(str(replace(key, n_params=key.n_params + 1)))
+        if larger and float(larger) > float(figure):
+            rising.append(f"{key.family}: {figure} with {key.n_params}, {larger} with {key.n_params + 1} parameters")
+    return rising
 
 
 def figures(decoded: Array, curves: Array) -> dict[str, float]:
@@ -179,11 +115,67 @@ def figures(decoded: Array, curves: Array) -> dict[str, float]:
     }
 
 
-def _judged(row: dict[str, object], dataset: str) -> dict[str, object]:
+def _rows(responses: Responses, direction: Direction) -> Iterator[dict[str, object]]:
+    """Yield the rows of one direction: closed forms, EMoR as published, then networks."""
+    curves, dataset = responses.in_direction(direction), responses.dataset
+    folds = grouped_folds(group_labels(responses.units), N_FOLDS)
+    for kind, counts in MODELS.items():
+        for k in counts:
+            key = ModelKey(kind.name, "", k, direction)
+            in_sample = _timed_fit(kind.from_curves(curves, k, direction), curves)
+            held_out = _fit_folds(kind, k, direction, curves, folds) if kind.learns else in_sample
+            yield _row(key, "in-sample", curves, in_sample, dataset)
+            yield _row(key, "grouped-5fold", curves, held_out, dataset)
+    if registry.find(f"dorf/{'emor' if direction == 'forward' else 'invemor'}.txt"):
+        for k in MODELS[EMoR]:
+            published = _timed_fit(EMoR(*load_emor_basis(direction), k, direction), curves)
+            split = "in-sample" if dataset == "dorf" else "other-set"
+            yield _row(ModelKey("EMoR", "published", k, direction), split, curves, published, dataset)
+    yield from _network_rows(direction, curves, dataset)
+
+
+def _network_rows(direction: Direction, curves: Array, dataset: str) -> Iterator[dict[str, object]]:
+    for key in pretrained_models(direction):
+        model = load_model(key)
+        assert isinstance(model, SLR)  # noqa: S101  all pretrained models are
+        split = "in-sample" if model.metadata_["data"] == dataset else "other-set"
+        yield _row(key, split, curves, _timed_fit(model, curves), dataset)
+    if dataset == "dorf":
+        recorded = load_recorded("slr_heldout_dorf")[0].query("direction == @direction")
+        by_seed = recorded.drop(columns=["seed", "in_sample_mean_rmse"]).groupby(["model", "n_params", "direction"])
+        for row in by_seed.mean().reset_index().to_dict("records"):
+            yield _judged({**row, "split": "grouped-5fold"}, ModelKey.parse(row["model"]), dataset)
+
+
+def _fit_folds(
+    kind: type[ClosedForm], k: int, direction: Direction, curves: Array, folds: np.ndarray
+) -> tuple[Array, float]:
+    """Fit each fold with a model learned from the others."""
+    decoded, seconds = np.empty_like(curves), 0.0
+    for fold in np.unique(folds):
+        test = folds == fold
+        decoded[test], spent = _timed_fit(kind.from_curves(curves[~test], k, direction), curves[test])
+        seconds += spent
+    return decoded, seconds
+
+
+def _timed_fit(model: ResponseModel, curves: Array) -> tuple[Array, float]:
+    start = time.perf_counter()
+    params = model.fit(curves)
+    seconds = time.perf_counter() - start
+    return model.decode(params), seconds
+
+
+def _row(key: ModelKey, split: str, curves: Array, fit: tuple[Array, float], dataset: str) -> dict[str, object]:
+    decoded, seconds = fit
+    row = {"model": str(key), "n_params": key.n_params, "direction": key.direction, "split": split}
+    return _judged({**row, **figures(decoded, curves), "seconds": seconds}, key, dataset)
+
+
+def _judged(row: dict[str, object], key: ModelKey, dataset: str) -> dict[str, object]:
     """Add the paper's figure, which speaks of forward in-sample fits of DoRF, and the verdict on ours."""
-    comparable = dataset == "dorf" and row["direction"] == "forward" and row["split"] == "in-sample"
-    family = str(row["model"]).split("-", maxsplit=1)[0]
-    printed = FITTING.get((family, int(str(row["n_params"])))) if comparable else None
+    name = str(replace(key, constraint=_PAPERS_KIND.get(key.family, "")))
+    printed = FITTING.get(name) if dataset == "dorf" and row["split"] == "in-sample" else None
     return {
         **row,
         "paper": float(printed) if printed else None,

@@ -1,0 +1,37 @@
+"""The paper's room: what it prints, what we get, and why.
+
+A claim of the paper stands in `crfbench.paper.claims`, the numbers of its tables in `crfbench.paper.printed`, our
+tables in the module of their subject, and what took minutes to compute in ``data/recorded``.
+"""
+
+from importlib import import_module
+
+# Names are found when first used: a table loads no figures, and nothing but the report loads widgets.
+_NAMES = {
+    "datasets.middlebury": "patch_intensity",
+    "paper.calibration": "calibration_table camera_rmse_table",
+    "paper.chart_free": "chart_free_table",
+    "paper.claims": "claims_table verdict_counts",
+    "paper.figures": "calibration_figure comparison_figure patch_counts_figure plot_camera_rmse plot_coverage "
+    "plot_fitting plot_validity stability_figure",
+    "paper.findings": "does_not_follow holds",
+    "paper.fitting": "display_table fitting_table fitting_tables papers_rising_rows",
+    "paper.printed": "CALIBRATION FITTING STABILITY",
+    "paper.report": "latent_slider sortable_leaderboard write_report",
+    "paper.results": "latent_table leaderboard load_recorded load_results",
+    "paper.stability": "stability_table",
+    "paper.verdicts": "RULES",
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
+
+__all__ = sorted(_HOME)  # noqa: PLE0605  a list, though not a literal one
+
+
+def __getattr__(name: str) -> object:
+    if name in _HOME:
+        return getattr(import_module(f"crfbench.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'crfbench.paper' has no attribute {name!r}; it has {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,235 @@
+"""Our side of the comparison: recorded tables, each with its provenance, and what computes those of the training."""
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from crfbench.curves import Direction
+from crfbench.datasets import load_dorf, load_patches
+from crfbench.datasets.folds import near_copies
+from crfbench.errors import FormatError, MissingDataError
+from crfbench.files import bundled, write_atomically
+from crfbench.history import History, latent_statistics
+from crfbench.metrics import rmse
+from crfbench.models import load_model
+from crfbench.models.registry import pretrained_models
+from crfbench.models.slr import SLR
+
+CONSTRAINTS = ("ldl", "auc", "aae", "vae", "baseline")
+LATENT_COLUMNS = (
+    "model", "n_latent", "direction", "constraint", "mean", "sd", "kl", "ks", "best_mse", "best_rmse", "encoder_mse",
+)  # fmt: skip
+#: Column by column: its heading, how its numbers are written, and what it holds. All are of inverse responses, the
+#: direction that calibration uses.
+LEADERBOARD = {
+    "model": ("model", "", "the model by its name"),
+    "n_params": ("parameters", "", "parameters of one curve"),
+    "learned": (
+        "learned numbers",
+        "{:,}",
+        "numbers that the decoder learned from training curves, the same for every curve",
+    ),
+    "in_sample_rmse": ("RMSE in sample", "{:.4f}", "mean RMSE of the best fits to the 201 inverse responses of DoRF"),
+    "held_out_rmse": (
+        "RMSE held out",
+        "{:.4f}",
+        "the same for curves of films and cameras not learned from (five grouped folds)",
+    ),
+    "nonmonotone": ("not monotone", "{:.0%}", "share of those fits that are not monotone (in sample)"),
+    "out_of_range": ("leaves 0 to 1", "{:.0%}", "share of those fits that leave 0 to 1 (in sample)"),
+    "steepest_slope": (
+        "steepest slope",
+        "{:.1f}",
+        "steepest of all 28 inverse responses calibrated from 24 patches, in irradiance per brightness: "
+        "one 8-bit level there changes irradiance by this over 255",
+    ),
+    "calibration_3": (
+        "calibration, 3 patches",
+        "{:.3f}",
+        "mean RMSE over 14 cameras on the illumination not calibrated on, method map, three grey patches",
+    ),
+    "calibration_24": ("calibration, 24 patches", "{:.3f}", "the same with all 24 patches"),
+    "coverage": ("band coverage", "{:.0%}", "share of held-out RAW inside the 90 % band, method posterior, 24 patches"),
+    "fit_ms": ("ms a fit", "{:.2g}", "milliseconds a fit of one DoRF curve took when this was recorded"),
+}
+#: Latents count as settled below this KL divergence: with s.d. 1, a mean within 0.32 of 0.
+_SETTLED_KL = 0.05
+
+
+@dataclass(frozen=True)
+class PaperResults:
+    """Our tables, by what they speak of; all but the patches are recorded."""
+
+    fitting: pd.DataFrame  # of DoRF, from `fitting_table`
+    held_out: pd.DataFrame  # SLR models on unseen curves of DoRF, by seed
+    calibration: pd.DataFrame  # by the paper's method, from `calibration_table`, indexed by model
+    cameras: pd.DataFrame  # the RMSE of each camera (rows) behind `calibration`, from `camera_rmse_table`
+    stability: pd.DataFrame  # by the paper's method and seed, from `stability_by_seed`
+    copies: pd.DataFrame  # one row, from `near_copy_counts`
+    search: pd.DataFrame  # the architecture search with one seed
+    search_seeds: pd.DataFrame  # its ranks and choices with several
+    patches: pd.DataFrame  # the bundled patch table
+    trainings: pd.DataFrame  # one-latent inverse models by constraint and seed, from `trainings_by_seed`
+    forward_trainings: pd.DataFrame  # likewise one-latent forward models with LDL
+
+    def fits(self, split: str = "in-sample") -> pd.DataFrame:
+        """Return the fits of a split, indexed by model; the names of forward models end in "-forward"."""
+        return self.fitting[self.fitting["split"] == split].set_index("model")
+
+
+def load_results() -> PaperResults:
+    """Gather the tables; nothing is fetched, trained or calibrated."""
+    calibration = load_recorded("calibration_paper")[0]
+    return PaperResults(
+        fitting=load_recorded("fitting_dorf")[0],
+        held_out=load_recorded("slr_heldout_dorf")[0],
+        calibration=calibration[calibration["patches"].astype(str) == "3"].set_index("model"),
+        cameras=load_recorded("calibration_paper_cameras")[0].set_index("camera"),
+        stability=load_recorded("stability_paper")[0],
+        copies=load_recorded("dorf_copies")[0],
+        search=load_recorded("search_dorf")[0],
+        search_seeds=load_recorded("search_seeds_dorf")[0],
+        patches=load_patches(),
+        trainings=load_recorded("slr_trainings_dorf")[0],
+        forward_trainings=load_recorded("slr_forward_trainings_dorf")[0],
+    )
+
+
+def to_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table as plain Python values; missing ones are None."""
+    return [dict(row) for row in json.loads(table.to_json(orient="records", double_precision=15))]
+
+
+def record(table: pd.DataFrame, name: str, provenance: dict[str, str], folder: Path | None = None) -> Path:
+    """Write ``<name>.json`` with the rows and their provenance, and return its path."""
+    path = (folder or bundled("data/recorded")) / f"{name}.json"
+    text = json.dumps({"provenance": provenance, "rows": to_rows(table)}, indent=1)
+    write_atomically(path, text.encode() + b"\n")
+    return path
+
+
+def load_recorded(name: str, folder: Path | None = None) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Read a recorded table and its provenance.
+
+    Parameters
+    ----------
+    name : str
+        Such as "fitting_dorf"; a name that is not there is answered with those that are.
+    folder : Path, optional
+        By default the bundled one.
+
+    Raises
+    ------
+    MissingDataError
+        When there is no record of that name.
+    FormatError
+        When the file is damaged.
+    """
+    folder = folder or bundled("data/recorded")
+    path = folder / f"{name}.json"
+    if not path.is_file():
+        names = ", ".join(sorted(p.stem for p in folder.glob("*.json"))) or "none"
+        raise MissingDataError(f"there is no recorded table {name!r}; there are: {names}")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return pd.read_json(io.StringIO(json.dumps(content["rows"])), orient="records"), content["provenance"]
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FormatError(
+            f"{path.name} is not a valid recorded table ({str(error)[:80]}); use one that crfbench wrote"
+        ) from None
+
+
+def near_copy_counts(tolerance: float = 0.01) -> pd.DataFrame:
+    """Count the curves of DoRF (which must be present) that have a near-copy in the set.
+
+    Returns
+    -------
+    DataFrame
+        One row: ``curves``, ``groups`` of curves that chain within an RMSE of `tolerance`, and ``not_alone``, how many
+        curves are in a group of two or more.
+    """
+    curves = load_dorf().curves
+    sizes = np.bincount(near_copies(curves, tolerance))
+    return pd.DataFrame([{"curves": len(curves), "groups": len(sizes), "not_alone": int(sizes[sizes > 1].sum())}])
+
+
+def latent_table() -> pd.DataFrame:
+    """Describe the latents of every pretrained SLR.
+
+    Returns
+    -------
+    DataFrame
+        One row a model, with the columns of `LATENT_COLUMNS`: ``mean``, ``sd``, ``kl`` and ``ks`` of the training
+        curves' latents as in `crfbench.history.latent_statistics`, and three figures of the model's metadata: mean MSE
+        and RMSE with the best latent of each training curve, and MSE with the encoder's. ``constraint`` is the loss
+        that shaped the latents.
+    """
+    rows = []
+    for key in pretrained_models():
+        model = load_model(key)
+        assert isinstance(model, SLR)  # noqa: S101  all pretrained models are
+        rows.append(
+            {
+                "model": str(key),
+                "n_latent": key.n_params,
+                "direction": key.direction,
+                "constraint": model.metadata_["constraint"],
+                **latent_statistics(model.weights_["latents"].astype(float)),
+                **model.metadata_["figures"],
+            }
+        )
+    return pd.DataFrame(rows, columns=list(LATENT_COLUMNS))
+
+
+def trainings_by_seed(
+    constraints: Sequence[str] = CONSTRAINTS, seeds: Sequence[int] = range(5), direction: Direction = "inverse"
+) -> pd.DataFrame:
+    """Train one-latent models of all curves of DoRF (which must be present) with each constraint and seed.
+
+    Returns
+    -------
+    DataFrame
+        One row a training: constraint, seed; ``mean``, ``sd``, ``kl`` and ``ks`` of its latents as in `latent_table`;
+        ``settled`` and ``swing`` as in `latent_course`; ``mean_rmse`` of the best fits to the same curves.
+    """
+    from crfbench.training import CONFIGS, train  # here, since results are shown without PyTorch too
+
+    curves, rows = load_dorf().in_direction(direction), []
+    for constraint in constraints:
+        for seed in seeds:
+            model, history = train(curves, direction, replace(CONFIGS[f"SLR-{constraint}-1"], seed=seed))
+            found = latent_statistics(model.weights_["latents"].astype(float)) | latent_course(history)
+            fitted = float(rmse(model.decode(model.fit(curves)), curves).mean())
+            rows.append({"constraint": constraint, "seed": seed, **found, "mean_rmse": fitted})
+    return pd.DataFrame(rows)
+
+
+def latent_course(history: History) -> dict[str, float]:
+    """Describe how the latents of a training settle.
+
+    Returns
+    -------
+    dict
+        ``settled``: the epoch from which the KL divergence of N(mean, sd) of the latents to N(0, 1) stays below 0.05,
+        NaN where it never does; ``swing``: the range that their sd moves in after the first third of the epochs.
+    """
+    mean, sd = history.latents[:, :, 0].mean(axis=1), history.latents[:, :, 0].std(axis=1)
+    far = np.flatnonzero(0.5 * (mean**2 + sd**2 - 2 * np.log(sd) - 1) >= _SETTLED_KL)
+    first = far[-1] + 1 if len(far) else 0
+    late = sd[history.epochs > history.epochs[-1] / 3]
+    settled = history.epochs[first] if first < len(history) else np.nan
+    return {"settled": float(settled), "swing": float(np.ptp(late))}
+
+
+def leaderboard() -> pd.DataFrame:
+    """Return the recorded leaderboard: one row a model, with the columns of `LEADERBOARD`.
+
+    Figures that a model cannot have, such as those in sample of one that learned from another set, are missing.
+    """
+    return load_recorded("leaderboard")[0][list(LEADERBOARD)]

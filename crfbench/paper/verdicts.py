@@ -1,0 +1,121 @@
+"""The rules by which a claim of the paper is judged, and `claim`, which registers the function that checks one."""
+
+from collections.abc import Callable, Iterable
+from decimal import Decimal
+from typing import NamedTuple
+
+from crfbench.paper.printed import SIGNIFICANT_RMSE
+from crfbench.paper.results import PaperResults
+
+#: What each verdict means.
+RULES = {
+    "reproduced": "our figure lies within one unit of the paper's last printed digit, or the paper's lies within the "
+    "spread of ours (in Table 3, 95 % of a bootstrap over the cameras); there, also when the two are no more than "
+    f"{SIGNIFICANT_RMSE} apart, which the paper calls not significant; counts are equal",
+    "differs": "our figure comes from the same data and, as far as it is described, by the same procedure, and none of "
+    "that is so",
+    "holds": "a statement in words, of which our figures say the same",
+    "does not hold": "a statement in words, of which our figures, or the paper's own, say otherwise",
+    "undecided": "a statement in words, of which our figures say both: their ranges overlap, or it depends on the "
+    "measure",
+    "not comparable": "the paper's figure depends on its computer, or cannot be recomputed from what is published",
+}
+
+
+class Claim(NamedTuple):
+    """A claim of the paper beside what we find: one row of the claims table, all text."""
+
+    claim: str = ""  # what the paper says, in our words
+    where: str = ""  # its section or table
+    paper: str = ""  # the figure as printed; empty where it gives none
+    ours: str = ""
+    spread: str = ""  # what ours ranges over seeds, folds or bootstrap; empty where there is none
+    how: str = ""  # the function that computes ours
+    verdict: str = ""  # by `RULES`
+    why: str = ""  # in a sentence
+
+
+Check = Callable[[PaperResults], Claim]
+#: The checks of everything that the paper says outside the cells of its tables, in the order of their registration.
+CHECKS: list[Check] = []
+
+
+def claim(where: str, text: str, how: str, printed: str = "") -> Callable[[Check], Check]:
+    """Register the function below as the check of a claim.
+
+    The function gets our results and returns a `Claim` with what was found: ours, why, verdict and perhaps spread. The
+    rest is filled in from here. Without a verdict ours must equal the printed figure, as counts do.
+
+    Parameters
+    ----------
+    where : str
+        Section of the paper.
+    text : str
+        What it says, in our words.
+    how : str
+        The function that computes our figure, from ``crfbench.`` on.
+    printed : str
+        The figure that the claim gives, as printed.
+
+    Notes
+    -----
+    ::
+
+        @claim("4.1", "cameras taken from Middlebury", how="crfbench.load_patches", printed="14")
+        def camera_count(results: PaperResults) -> Claim:
+            return Claim(ours=str(results.patches["camera"].nunique()), why="Counted in the patch table.")
+    """
+
+    def register(check: Check) -> Check:
+        def judged(results: PaperResults) -> Claim:
+            found = check(results)
+            verdict = found.verdict or ("reproduced" if found.ours == printed else "differs")
+            return found._replace(claim=text, where=where, paper=printed, how=how, verdict=verdict)
+
+        judged.__doc__ = check.__doc__ or text
+        CHECKS.append(judged)
+        return judged
+
+    return register
+
+
+def in_words(holds: bool | None) -> str:
+    """Return the verdict on a statement in words: it holds, does not hold, or (None) our figures say both."""
+    return "undecided" if holds is None else "holds" if holds else "does not hold"
+
+
+def is_least(own: tuple[float, float], rivals: Iterable[tuple[float, float]]) -> bool | None:
+    """Say whether a figure, given as the range (low, high) that it has, lies below all others; None where it may."""
+    others = list(rivals)
+    if all(own[1] < low for low, _ in others):
+        return True
+    return False if any(high < own[0] for _, high in others) else None
+
+
+def scientific(value: float, digits: int = 2) -> str:
+    """Write a number as the paper does, for example 3.60E-2."""
+    mantissa, exponent = f"{value:.{digits}E}".split("E")
+    return f"{mantissa}E{int(exponent)}"
+
+
+def verdict(ours: float, printed: str | None) -> str:
+    """Judge a figure by the digits the paper printed.
+
+    Parameters
+    ----------
+    ours : float
+    printed : str or None
+        The paper's figure as printed, or None where it gives none for this case.
+
+    Returns
+    -------
+    str
+        "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit;
+        "differs" when it is not; "not comparable" without a figure.
+    """
+    if printed is None:
+        return "not comparable"
+    figure = Decimal(printed)
+    unit = Decimal(1).scaleb(int(figure.as_tuple().exponent))
+    rounded = Decimal(repr(float(ours))).quantize(unit)
+    return "reproduced" if abs(rounded - figure) <= unit else "differs"

@@ -1,1 +1,0 @@
-"""Tidy tables: models x data x metrics, the paper's figure beside ours."""
