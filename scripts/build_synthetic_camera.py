@@ -1,14 +1,14 @@
-"""Render the photographs of a synthetic camera that are shipped: data/synthetic_camera, four RAW and JPEG pairs.
+"""Render the photographs of a synthetic camera that are bundled: data/synthetic_camera, four RAW and JPEG pairs.
 
-Run: python scripts/build_synthetic_camera.py
+Run from the root of the repository: python -m scripts.build_synthetic_camera
 """
 
-from pathlib import Path
-
+from crfbench.camera import EXAMPLE_FOLDER
 from crfbench.datasets import load_opencrf
-from crfbench.synthetic import render_chart, write_pair
+from tests.support.photographs import write_pair
+from tests.support.scenes import render_chart
 
-TARGET = Path(__file__).parents[1] / "data" / "synthetic_camera"
+TARGET = EXAMPLE_FOLDER
 #: The response of the camera, by its name in OpenCRF.
 RESPONSE = "Kodak Gold 200 G"
 EXPOSURES = (0.12, 0.3, 0.7, 1.3)  # irradiance of a perfect reflector, in units of full scale

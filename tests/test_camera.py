@@ -1,5 +1,6 @@
 """From files to a passport: synthetic cameras of known response, and what goes wrong with files."""
 
+import hashlib
 import json
 import os
 import re
@@ -16,18 +17,18 @@ import tifffile
 mpl.use("agg")
 import matplotlib.pyplot as plt
 
-from crfbench.camera import CHOICES, calibrate_chart, calibrate_exposures, linearised_patches, write_outputs
-from crfbench.camera.files import digest
-from crfbench.camera.observing import observe_chart, separate
-from crfbench.charts import chart_table, pair_photographs, save_labels
-from crfbench.charts.geometry import chart_boxes
+from crfbench import camera
+from crfbench.camera.patch_table import chart_table, observe_chart, separate
+from crfbench.camera.photographs import pair_photographs
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
+from crfbench.datasets.chart import chart_boxes, save_labels
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
-from crfbench.passport import read_response
-from crfbench.synthetic import render_chart, render_series, write_pair
+from tests.support.command import run_command
+from tests.support.photographs import write_pair
+from tests.support.scenes import render_chart
 
 EXPOSURES = (0.15, 0.4, 1.1)
 KNOWN = 70
@@ -52,7 +53,7 @@ def folder(tmp_path_factory, truth):
 
 @pytest.fixture(scope="module")
 def result(folder):
-    return calibrate_chart(folder, created="2026-01-31")
+    return camera.calibrate(folder, created="2026-01-31")
 
 
 def test_a_known_response_comes_back(result, truth):
@@ -69,7 +70,7 @@ def test_the_broken_file_is_named_and_the_rest_goes_on(result):
 
 
 def test_without_raw_files_the_chart_and_exif_do(folder, truth):
-    result = calibrate_chart(sorted(folder.glob("写真*.jpg")))
+    result = camera.calibrate(sorted(folder.glob("写真*.jpg")))
     assert result.calibration.observations.absolute is False
     np.testing.assert_allclose(
         np.diff(result.calibration.observations.exposures[0]), np.diff(np.log2(EXPOSURES)), atol=0.02
@@ -80,21 +81,35 @@ def test_without_raw_files_the_chart_and_exif_do(folder, truth):
 def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
     jpegs = sorted(folder.glob("写真*.jpg"))
     save_labels(tmp_path / "labels.json", {name: measured.corners for name, measured in result.measured.items()})
-    by_hand = calibrate_chart(jpegs, tmp_path / "labels.json", exposures=[15, 40, 110])
+    by_hand = camera.calibrate(jpegs, tmp_path / "labels.json", exposures=[15, 40, 110])
     np.testing.assert_allclose(by_hand.calibration.observations.exposures[0], np.log2([15, 40, 110]))
-    with pytest.raises(InputError, match=r"exposures=\[1, 2\] do not fit the photographs 写真 0"):
-        calibrate_chart(jpegs, exposures=[1, 2])
+    with pytest.raises(InputError, match=r"exposures=\[1.0, 2.0\] do not match 3 photographs \(写真 0"):
+        camera.calibrate(jpegs, exposures=[1, 2])
 
 
 def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
     with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller"):
-        calibrate_chart(tmp_path)
+        camera.calibrate(tmp_path)
     with pytest.raises(InputError, match=r"there is no .*nowhere"):
-        calibrate_chart(tmp_path / "nowhere")
+        camera.calibrate(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"there is no .*nowhere"):
+        camera.calibrate(path for path in [tmp_path / "nowhere"])
     with pytest.raises(InputError, match="0 photographs of a series are left"):
-        calibrate_exposures(tmp_path)
-    with pytest.raises(InputError, match=f"use one of {', '.join(CHOICES)}"):
-        calibrate_chart(tmp_path, model="magic")
+        camera.calibrate(tmp_path, chart="none")
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        ("magic", "name='magic' is not a valid name of a model"),
+        ("SLR-ldl-7", "no model 'SLR-ldl-7' is bundled; use one of SLR-"),
+        ("SLR-ldl-3-forward", "has direction 'forward'; use one of direction 'inverse'"),
+    ],
+)
+def test_models_that_cannot_calibrate(tmp_path, model, message):
+    for chart in ("auto", "none"):
+        with pytest.raises(InputError, match=message):
+            camera.calibrate(tmp_path, chart, model=model)
 
 
 def test_raw_intensities_are_patches_times_exposures():
@@ -112,34 +127,42 @@ def test_raw_intensities_are_patches_times_exposures():
 
 
 def test_raw_and_chart_agree_on_a_neutral_camera(folder):
-    patches = chart_table(pair_photographs(sorted(folder.glob("写真*"))).pairs).patches
+    patches = chart_table(pair_photographs(sorted(folder.glob("写真*")))[0])[0]
     raw = observe_chart(patches)
     chart = observe_chart(patches.assign(**{c: np.nan for c in patches if c.startswith("raw")}))
     greys = slice(18, 23)
     ratio = raw.reference[0, greys] / chart.reference[0, greys]
     np.testing.assert_allclose(ratio / ratio.mean(), 1.0, atol=0.15)
-    with pytest.raises(InputError, match="no photograph with a chart"):
-        observe_chart(patches.iloc[:0])
+
+
+def jpegs(result):
+    return sorted(result.photographs.values())
+
+
+def digest_of(paths):
+    return hashlib.sha256(b"".join(hashlib.sha256(path.read_bytes()).digest() for path in paths)).hexdigest()
 
 
 def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth):
-    paths = list(write_outputs(result, tmp_path))
+    paths = list(camera.write_outputs(result, tmp_path))
     names = {path.name for path in paths}
     assert {"passport.json", "response.csv", "response.cube", "pcalib.txt", "report.html"} <= names
-    assert read_response(tmp_path / "passport.json").data_sha256 == digest(
-        [*result.photographs.values(), *(path.with_suffix(".dng") for path in result.photographs.values())]
+    passport = camera.read_response(tmp_path / "passport.json")
+    assert passport.data_sha256 == digest_of(
+        path.with_suffix(end) for path in jpegs(result) for end in (".dng", ".jpg")
     )
+    assert passport.model == "SLR-ldl-3"
     for name in ("response.csv", "response.npy", "response.cube"):
-        assert rmse(read_response(tmp_path / name).in_direction("forward")[0], truth) < 0.02
+        assert rmse(camera.read_response(tmp_path / name).in_direction("forward")[0], truth) < 0.02
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(InputError, match=r"exists already.*--force"):
-        list(write_outputs(result, tmp_path))
+        list(camera.write_outputs(result, tmp_path))
     assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    list(write_outputs(result, tmp_path, overwrite=True))
+    list(camera.write_outputs(result, tmp_path, overwrite=True))
 
 
 def test_the_report_asks_for_nothing_elsewhere(result, tmp_path):
-    list(write_outputs(result, tmp_path))
+    list(camera.write_outputs(result, tmp_path))
     page = (tmp_path / "report.html").read_text()
     assert not re.findall(r'(?:src|href)="(?!data:)', page)
     assert page.count("<img alt=") == 3
@@ -148,23 +171,23 @@ def test_the_report_asks_for_nothing_elsewhere(result, tmp_path):
 
 def test_a_linearised_photograph_is_straight_against_its_raw_file(result):
     for name in result.measured:
-        patches = linearised_patches(result, name)
+        patches = camera.linearised_patches(result, name)
         assert rmse(patches["linear"], patches["raw"]) < 0.2 * rmse(patches["jpeg"], patches["raw"])
         assert (patches["jpeg"] < 254 / 255).all()
-    with pytest.raises(InputError, match="name='broken' is no photograph with a chart"):
-        linearised_patches(result, "broken")
+    with pytest.raises(InputError, match="name='broken' is not a photograph with a chart"):
+        camera.linearised_patches(result, "broken")
 
 
 def test_without_raw_files_there_is_nothing_to_be_straight_against(folder):
-    result = calibrate_chart(sorted(folder.glob("写真*.jpg")))
-    patches = linearised_patches(result, "写真 0")
+    result = camera.calibrate(sorted(folder.glob("写真*.jpg")))
+    patches = camera.linearised_patches(result, "写真 0")
     assert patches["raw"].isna().all()
     assert patches["linear"].between(0, 1).all()
 
 
 def test_writing_leaves_no_figure_open(result, tmp_path):
     before = plt.get_fignums()
-    list(write_outputs(result, tmp_path))
+    list(camera.write_outputs(result, tmp_path))
     assert plt.get_fignums() == before, "a notebook would show it"
 
 
@@ -175,44 +198,39 @@ def test_boxes_lie_where_the_corners_say():
     np.testing.assert_allclose([boxes[0, 0], boxes[5, 1], boxes[23, 2], boxes[18, 3]], corners, atol=1e-6)
 
 
-def run(*arguments):
-    command = [sys.executable, "-m", "crfbench.cli", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
 def test_one_command_goes_from_files_to_passport(folder, tmp_path):
     out = tmp_path / "out folder"
-    done = run("calibrate", folder, "--out", out)
+    done = run_command("calibrate", folder, "--out", out)
     assert done.returncode == 0, done.stderr
     assert "left out: broken.jpg" in done.stderr
     assert "measured from brightness" in done.stdout
     assert json.loads((out / "passport.json").read_text())
-    again = run("calibrate", folder, "--out", out)
+    again = run_command("calibrate", folder, "--out", out)
     assert again.returncode == 2
     assert "--force" in again.stderr
 
 
 def test_exposures_alone_and_their_use(tmp_path, truth):
-    series = render_series(truth, 1, size=(96, 64))
+    series = camera.render_series(truth, 1, size=(96, 64))
     folder = tmp_path / "series"
     folder.mkdir()
     for i, image in enumerate(series.images):
         assert cv2.imwrite(str(folder / f"{i}.png"), image[..., ::-1])
     times = ",".join(str(2.0**stop) for stop in series.stops)
-    done = run("calibrate", folder, "--chart", "none", "--exposures", times, "--out", tmp_path / "out")
+    done = run_command("calibrate", folder, "--chart", "none", "--exposures", times, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    curve = read_response(tmp_path / "out" / "passport.json").curves[0]
+    curve = camera.read_response(tmp_path / "out" / "passport.json").curves[0]
     inverse = invert(truth)
     scale = (curve @ inverse) / (curve @ curve)
     assert rmse(scale * curve, inverse) < 0.02
     assert (tmp_path / "out" / "merged.exr").stat().st_size > 1000
     linear = tmp_path / "linear.tif"
     args = ("linearise", folder / "1.png", "--response", tmp_path / "out" / "passport.json", "--out", linear)
-    assert run(*args).returncode == 0
+    assert run_command(*args).returncode == 0
     pixels = tifffile.imread(linear)
     expected = np.interp(series.images[1] / 255, GRID, curve)
     np.testing.assert_allclose(pixels, expected, atol=1e-5)
-    again = run(*args)
+    again = run_command(*args)
     assert again.returncode == 2
     assert "--force" in again.stderr
 
@@ -240,7 +258,7 @@ main()
 def test_a_read_only_folder_is_named(result, tmp_path):
     tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
     with pytest.raises(PermissionError):
-        list(write_outputs(result, tmp_path))
+        list(camera.write_outputs(result, tmp_path))
     assert not list(tmp_path.iterdir())
 
 
@@ -249,12 +267,12 @@ def test_a_read_only_folder_is_named(result, tmp_path):
     [
         (("--exposures", "a,b"), "numbers such as"),
         (("--exposures", "1,2,4"), "RAW files tell them better"),
-        (("--model", "x"), "slr"),
+        (("--model", "x"), "SLR-ldl-1"),
         (("--chart", "no.json"), "no.json"),
     ],
 )
 def test_mistakes_are_one_sentence_and_status_2(folder, tmp_path, arguments, words):
-    done = run("calibrate", folder, "--out", tmp_path / "out", *arguments)
+    done = run_command("calibrate", folder, "--out", tmp_path / "out", *arguments)
     assert done.returncode == 2
     assert words in done.stderr
     assert "Traceback" not in done.stderr

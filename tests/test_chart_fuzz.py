@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from crfbench.charts import SafeReader, read_exif, read_image, read_raw
+from crfbench.camera.reading import read_exif, read_image, read_raw
+from crfbench.camera.worker import Worker
 from crfbench.curves import GRID
 from crfbench.datasets import registry
 from crfbench.errors import FormatError
-from crfbench.synthetic import render_chart, write_pair
-
-N_FILES = 100
+from tests.support.photographs import write_pair
+from tests.support.scenes import render_chart
 
 
 @pytest.fixture(scope="module")
@@ -41,29 +41,31 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
 def read_everything(path: Path) -> tuple[tuple[int, ...], bool]:
     """Read exposure and pixels; say of the pixels their shape and whether they are as promised."""
     read_exif(path)
-    pixels, _ = read_raw(path) if path.suffix in (".dng", ".kdc") else read_image(path)
+    pixels = read_raw(path) if path.suffix in (".dng", ".kdc") else read_image(path)
     return pixels.shape, bool((pixels >= 0).all() and (pixels <= 1).all())
 
 
+@pytest.mark.parametrize("n_files", [20, pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".dng", ".kdc"])
-def test_damaged_files(tmp_path, originals, suffix, capfd):
+def test_damaged_files(tmp_path, originals, suffix, n_files, capfd):
     if suffix not in originals:
         pytest.skip("the real RAW file is absent: set CRFBENCH_DATA to the folder that holds raw/RAW_KODAK_DC50.KDC")
     rng = np.random.default_rng(0)
     refused = 0
-    with SafeReader(timeout=10) as reader:
-        for number in range(N_FILES):
-            path = tmp_path / f"{number}{suffix}"
-            path.write_bytes(damaged(originals[suffix], rng))
-            try:
-                shape, promised = reader.run(read_everything, path)
-                assert promised
-                assert shape[2] == 3
-            except FormatError as error:
-                assert path.name in str(error)  # noqa: PT017
-                refused += 1
-        path.write_bytes(originals[suffix])
-        assert reader.run(read_everything, path)[1]
+    worker = Worker()
+    for number in range(n_files):
+        path = tmp_path / f"{number}{suffix}"
+        path.write_bytes(damaged(originals[suffix], rng))
+        try:
+            shape, promised = worker.run(read_everything, path)
+            assert promised
+            assert shape[2] == 3
+        except FormatError as error:
+            assert path.name in str(error)  # noqa: PT017
+            refused += 1
+    path.write_bytes(originals[suffix])
+    assert worker.run(read_everything, path)[1]
+    worker.close()
     # Every byte of a PNG file is under a checksum; the other formats let some damage to pixels through.
-    assert refused == N_FILES if suffix == ".png" else 0 < refused < N_FILES
+    assert refused == n_files if suffix == ".png" else 0 < refused < n_files
     assert "Traceback" not in capfd.readouterr().err

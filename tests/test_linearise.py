@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from crfbench.camera import Passport, linearise
 from crfbench.curves import GRID, invert
 from crfbench.errors import InputError
-from crfbench.passport import Passport, linearise
 
 RGB = np.array([GRID**2.0, GRID**2.2, np.expm1(3 * GRID) / np.expm1(3)])
 SHAPES = st.one_of(array_shapes(min_dims=2, max_dims=2), st.tuples(st.integers(1, 5), st.integers(1, 5), st.just(3)))
@@ -65,12 +65,12 @@ def test_views_and_extremes():
         (np.full((2, 2), np.nan), RGB[0], np.float32, "holds NaN"),
         (np.zeros((2, 2, 4), np.uint8), RGB[0], np.float32, r"shape \(2, 2, 4\); use \(h, w\)"),
         (np.zeros((0, 2), np.uint8), RGB[0], np.float32, r"shape \(0, 2\)"),
-        (np.zeros((2, 2), np.uint8), RGB, np.float32, "three curves do not fit a grey image"),
-        (np.zeros((2, 2), np.uint8), RGB[:2], np.float32, "2 curves do not fit"),
+        (np.zeros((2, 2), np.uint8), RGB, np.float32, "three curves do not match a grey image"),
+        (np.zeros((2, 2), np.uint8), RGB[:2], np.float32, "2 curves do not match"),
         (np.zeros((2, 2), np.uint8), RGB[0, ::-1], np.float32, "falls"),
         (np.zeros((2, 2), np.uint8), RGB[0], np.float64, "use float32 or uint16"),
     ],
 )
-def test_what_does_not_fit(image, response, dtype, message):
+def test_what_cannot_be_linearised(image, response, dtype, message):
     with pytest.raises(InputError, match=message):
         linearise(image, response, dtype)

@@ -1,15 +1,43 @@
-"""Your own camera: from RAW and JPEG files to a response that other programs read."""
+"""Your own camera: from RAW and JPEG files to a response that other programs read, and from images back to light.
 
-from crfbench.camera.checking import linearised_patches
-from crfbench.camera.files import CHOICES, CameraCalibration, calibrate_chart, calibrate_exposures
-from crfbench.camera.outputs import linearise_file, write_outputs
+>>> from crfbench import camera
+>>> result = camera.calibrate("my-photographs")  # doctest: +SKIP
+>>> paths = list(camera.write_outputs(result, "calibrated"))  # doctest: +SKIP
+"""
+
+from crfbench.camera.calibrate import CameraCalibration, calibrate
+from crfbench.camera.formats import FORMATS, read_response, write_response
+from crfbench.camera.linearise import linearise
+from crfbench.camera.merging import merge_series, write_hdr
+from crfbench.camera.outputs import linearise_file, linearised_patches, write_outputs
+from crfbench.camera.passport import Passport
+from crfbench.camera.patch_table import chart_table
+from crfbench.camera.photographs import pair_photographs, read_series
+from crfbench.camera.reading import read_image
+from crfbench.camera.series import calibrate_series
+from crfbench.camera.synthetic import EXAMPLE_FOLDER, render_series
+from crfbench.datasets.chart import load_labels, save_labels
 
 __all__ = [
-    "CHOICES",
+    "EXAMPLE_FOLDER",
+    "FORMATS",
     "CameraCalibration",
-    "calibrate_chart",
-    "calibrate_exposures",
+    "Passport",
+    "calibrate",
+    "calibrate_series",
+    "chart_table",
+    "linearise",
     "linearise_file",
     "linearised_patches",
+    "load_labels",
+    "merge_series",
+    "pair_photographs",
+    "read_image",
+    "read_response",
+    "read_series",
+    "render_series",
+    "save_labels",
+    "write_hdr",
     "write_outputs",
+    "write_response",
 ]

@@ -1,19 +1,30 @@
-"""Writing what a calibration gave: the passport, its exports and the report."""
+"""What is done with a calibration: the passport, its exports and the report; linear images; and a check of them."""
 
-from collections.abc import Iterator
+import base64
+import io
+from collections.abc import Callable, Iterator
+from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from crfbench.camera.files import CameraCalibration
-from crfbench.camera.page import report_page
-from crfbench.charts import SafeReader
-from crfbench.errors import MissingDataError
+import numpy as np
+
+from crfbench.camera.calibrate import CameraCalibration
+from crfbench.camera.formats import FORMATS, read_response, write_response
+from crfbench.camera.linearise import linearise
+from crfbench.camera.measuring import measure_chart
+from crfbench.camera.merging import write_hdr
+from crfbench.camera.reading import read_image, read_levels
+from crfbench.camera.worker import WORKER
+from crfbench.errors import InputError, MissingDataError
 from crfbench.files import check_new, write_new
-from crfbench.passport import linearise, read_response, write_response
-from crfbench.passport.formats import FORMATS
-from crfbench.series import write_hdr
-from crfbench.series.reading import read_levels
 
-PASSPORT, REPORT, MERGED = "passport.json", "report.html", "merged.exr"
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+_REPORT, _MERGED = "report.html", "merged.exr"
+_GREYS = slice(18, 24)
 
 
 def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
@@ -21,14 +32,16 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
 
     An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out.
 
-    Raises
-    ------
-    InputError
-        Before anything is written, where one of the files is there and `overwrite` is false.
+    Parameters
+    ----------
+    result : CameraCalibration
+    folder : path
+    overwrite : bool
+        Else, where one of the files is there, `InputError` is raised before anything is written.
     """
     folder = Path(folder)
     paths = {name: folder / _file_name(name) for name in FORMATS}
-    for path in (*paths.values(), folder / REPORT, *([folder / MERGED] if result.merged else [])):
+    for path in (*paths.values(), folder / _REPORT, *([folder / _MERGED] if result.merged else [])):
         check_new(path, overwrite)
     page = report_page(result)
     for name, path in paths.items():
@@ -37,11 +50,11 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
         except MissingDataError:
             continue
         yield path
-    write_new(folder / REPORT, page.encode(), overwrite)
-    yield folder / REPORT
+    write_new(folder / _REPORT, page.encode(), overwrite)
+    yield folder / _REPORT
     if result.merged:
-        write_hdr(folder / MERGED, result.merged.radiance, overwrite)
-        yield folder / MERGED
+        write_hdr(folder / _MERGED, result.merged.radiance, overwrite)
+        yield folder / _MERGED
 
 
 def linearise_file(image: Path, response: Path, out: Path, overwrite: bool = False) -> Path:
@@ -64,14 +77,118 @@ def linearise_file(image: Path, response: Path, out: Path, overwrite: bool = Fal
     """
     passport = read_response(response)
     check_new(out, overwrite)
-    with SafeReader() as reader:
-        levels = reader.run(read_levels, image)
-    write_hdr(out, linearise(levels, passport), overwrite)
+    write_hdr(out, linearise(WORKER.run(read_levels, image), passport), overwrite)
     return out
 
 
+def linearised_patches(result: CameraCalibration, name: str) -> "DataFrame":
+    """Measure the chart in one photograph before and after it was linearised.
+
+    Parameters
+    ----------
+    result : CameraCalibration
+        Of photographs of a chart.
+    name : str
+        Of the photograph.
+
+    Returns
+    -------
+    DataFrame
+        One row a patch and channel, without the clipped ones. raw: share of full scale, NaN without a RAW file; jpeg:
+        brightness; linear: irradiance by the calibration, each channel times the factor that brings it nearest to raw
+        (white balance and exposure are no part of a response).
+    """
+    import pandas as pd
+
+    if name not in result.measured:
+        raise InputError(f"name={name!r} is not a photograph with a chart; use one of {', '.join(result.measured)}")
+    photograph = result.measured[name]
+    pixels = linearise(WORKER.run(read_image, result.photographs[name]), result.passport)
+    linear = measure_chart(pixels, photograph.corners).means
+    raw = np.full_like(linear, np.nan) if photograph.raw is None else photograph.raw.means
+    kept = photograph.jpeg.clipped == 0
+    if photograph.raw is not None:
+        kept &= photograph.raw.clipped == 0
+        linear = linear * (raw * linear)[kept].sum(axis=0) / (linear**2)[kept].sum(axis=0)
+    patch, channel = np.indices(linear.shape)[:, kept].reshape(2, -1)
+    columns = {"raw": raw[kept].ravel(), "jpeg": photograph.jpeg.means[kept].ravel(), "linear": linear[kept].ravel()}
+    return pd.DataFrame({"patch": patch + 1, "channel": np.array(list("rgb"))[channel], **columns})
+
+
+def report_page(result: CameraCalibration) -> str:
+    """Return the report as one HTML page with its pictures inside, which asks the network for nothing.
+
+    It shows facts, warnings, the curve with its band, residuals, and the chart with the boxes that were measured.
+    """
+    import matplotlib as mpl
+    from jinja2 import Environment, StrictUndefined
+
+    from crfbench.plots import plot_calibration, plot_residuals
+
+    calibration = result.calibration
+    with mpl.rc_context({"svg.hashsalt": "crfbench"}):  # else the names inside a picture would differ every time
+        curve = _picture(6.0, 4.5, lambda ax: plot_calibration(calibration, ax=ax))
+        residuals = _picture(6.0, 3.0, lambda ax: plot_residuals(calibration, ax=ax))
+    # Names of files and cameras come from strangers: the template escapes them.
+    source = files("crfbench.camera").joinpath("report.html.jinja").read_text(encoding="utf-8")
+    template = Environment(autoescape=True, undefined=StrictUndefined).from_string(source)
+    return template.render(
+        result=result,
+        facts=_facts(result),
+        warnings=calibration.warnings[0],
+        brightness=calibration.brightness_range[0].tolist(),
+        curve=curve,
+        residuals=residuals,
+        chart=_chart(result) if result.measured else None,
+    )
+
+
+def _facts(result: CameraCalibration) -> dict[str, str]:
+    passport, calibration = result.passport, result.calibration
+    counts = calibration.observations.counts[0]
+    residual = f"{_rms(calibration.residuals[0][counts])} of irradiance"
+    greys = calibration.residuals[0][:, _GREYS][counts[:, _GREYS]]
+    if result.measured and greys.size:
+        residual += f"; of the grey patches {_rms(greys)}"
+    return {
+        "model": passport.model,
+        "photographs": ", ".join(result.photographs),
+        "measurements": f"{int(counts.sum())}, {int((~counts).sum())} clipped or left out",
+        "brightness measured": f"{passport.valid_range[0]:.3f} to {passport.valid_range[1]:.3f}",
+        "root mean square residual": residual,
+        "SHA-256 of the files": passport.data_sha256,
+        "crfbench": passport.version,
+    }
+
+
+def _rms(residuals: np.ndarray) -> str:
+    return f"{100 * np.sqrt((residuals**2).mean()):.1f} %"
+
+
+def _chart(result: CameraCalibration) -> dict[str, str]:
+    """Draw the chart where it was found most surely, with the boxes that were measured."""
+    from crfbench.plots import plot_chart
+
+    name, measured = max(result.measured.items(), key=lambda item: item[1].confidence)
+    pixels = WORKER.run(read_image, result.photographs[name])
+    height = 8.0 * pixels.shape[0] / pixels.shape[1]
+    return {"name": name, "picture": _picture(8.0, height, lambda ax: plot_chart(pixels, measured.corners, ax), "png")}
+
+
+def _picture(width: float, height: float, draw: Callable[["Axes"], object], kind: str = "svg") -> str:
+    """Draw a figure that no notebook shows by itself, and return it as a data address."""
+    from matplotlib.figure import Figure
+
+    figure, content = Figure(figsize=(width, height), layout="constrained"), io.BytesIO()
+    draw(figure.subplots())
+    metadata = {"Date": None} if kind == "svg" else None  # the same page every time
+    figure.savefig(content, format=kind, bbox_inches="tight", dpi=110, metadata=metadata)
+    media = "image/svg+xml" if kind == "svg" else f"image/{kind}"
+    return f"data:{media};base64,{base64.b64encode(content.getvalue()).decode()}"
+
+
 def _file_name(name: str) -> str:
+    suffix: str = FORMATS[name].SUFFIX
     if name == "passport":
-        return PASSPORT
-    suffix = FORMATS[name].SUFFIX
+        return f"passport{suffix}"
     return f"response{suffix}" if suffix.startswith(".") else suffix

@@ -1,0 +1,194 @@
+"""Find a chart of 24 patches in a photograph, tell which way round it lies, and measure its patches.
+
+OpenCV's detector proposes places. Its own judgement supposes sRGB colours and drops charts in dark or tinted
+photographs, so it is asked for every candidate, and the colours of the patches decide here.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.curves import Array
+from crfbench.datasets.chart import SIZE, UNIT, as_corners, chart_colours, homography, project, sample_positions
+from crfbench.errors import InputError
+
+# Larger photographs are reduced to it: more pixels find no more charts.
+_LONGEST_SIDE, _SHORTEST_SIDE = 1000, 32
+_CANDIDATES = 30
+# The detector's box has a margin of this many widths of a patch round the patches.
+_MARGIN = 0.1
+# The inner half of a patch keeps clear of its edges, of shadows and of corners that lie a little off.
+_BOX_SHARE = 0.5
+# Left out at either end before averaging: dust, scratches, hot pixels.
+_TRIMMED_SHARE = 0.1
+_MIN_BOX_PIXELS, _FEW_PIXELS, _MAX_BOX_PIXELS = 4, 8, 128
+# The 14 cameras of the Middlebury set reach 0.90 to 0.98, and less than 0 mirrored or upside down.
+_MIN_CONFIDENCE = 0.8
+# How much the grey row may rise between two patches: noise where both are black or both are white.
+_GREY_TOLERANCE = 0.02
+_GREY_ROW = slice(18, 24)
+# 0 and 254 of 255, as in the Middlebury table, halfway to the next values.
+_BLACK, _WHITE = 0.5 / 65535, 253.5 / 255
+
+
+class PatchValues(NamedTuple):
+    """What was measured in the 24 patches of one image.
+
+    Parameters
+    ----------
+    means : ndarray, shape (24, 3)
+        Trimmed means of red, green and blue over the inner box, in [0, 1].
+    clipped : ndarray, shape (24,)
+        Share of the pixels with any channel at 0 or at 254/255 and more.
+    spread : ndarray, shape (24,)
+        Half the distance between the 16th and 84th percentile of a pixel's mean over the channels: a standard
+        deviation that outliers do not move.
+    """
+
+    means: Array
+    clipped: Array
+    spread: Array
+
+
+def find_chart(image: ArrayLike) -> tuple[Array, float]:
+    """Find a chart of 24 patches (ColorChecker Classic) in a developed photograph, whichever way round it lies.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width, 3)
+        Values in [0, 1].
+
+    Returns
+    -------
+    corners : ndarray, shape (4, 2)
+        In chart order, as fractions of the image.
+    confidence : float
+        See `chart_confidence`.
+    """
+    pixels = _reduced(_check_image(image).astype(np.float32))
+    # The detector enlarges the shorter side to 1000 pixels, so a strip would become huge.
+    proposed = _candidates(_stretched(pixels)) if min(pixels.shape[:2]) >= _SHORTEST_SIDE else ()
+    found = []
+    for corners in proposed:
+        with suppress(InputError):  # what lies between these corners is not a chart
+            found.append(orient(pixels, corners))
+    if not found:
+        raise InputError("no chart of 24 patches was found in the photograph; label its four corners by hand")
+    return max(found, key=lambda corners_and_confidence: corners_and_confidence[1])
+
+
+def orient(image: ArrayLike, corners: ArrayLike) -> tuple[Array, float]:
+    """Turn corners into chart order: of the four ways to read the chart, the one most like it.
+
+    Parameters
+    ----------
+    image : array_like, shape (height, width, 3)
+        Values in [0, 1].
+    corners : array_like, shape (4, 2)
+        Clockwise, from any corner on.
+
+    Returns
+    -------
+    corners, confidence
+        As `find_chart`.
+    """
+    pixels, points = _check_image(image), as_corners(corners)
+    readings = [np.roll(points, -turn, axis=0) for turn in range(4)]
+    means = [_trimmed_means(_sample(pixels, reading, _FEW_PIXELS)) for reading in readings]
+    confidences = [chart_confidence(colours) for colours in means]
+    best = int(np.argmax(confidences))
+    if confidences[best] < _MIN_CONFIDENCE:
+        raise InputError(
+            f"the patches are not a chart's in any of four directions (confidence {confidences[best]:.2f}, "
+            f"at least {_MIN_CONFIDENCE}); use the corners of a chart that is not mirrored"
+        )
+    if (np.diff(means[best][_GREY_ROW].mean(axis=1)) > _GREY_TOLERANCE).any():
+        raise InputError("the grey row does not fall from white to black; use an evenly lit chart without reflections")
+    return readings[best], confidences[best]
+
+
+def measure_chart(image: ArrayLike, corners: ArrayLike) -> PatchValues:
+    """Measure the patches of an image (height, width, 3) in [0, 1] between corners (4, 2) in chart order."""
+    pixels = _sample(_check_image(image), as_corners(corners), _MAX_BOX_PIXELS)
+    clipped = ((pixels <= _BLACK) | (pixels >= _WHITE)).any(axis=2).mean(axis=1)
+    low, high = np.percentile(pixels.mean(axis=2), [16, 84], axis=1)
+    return PatchValues(_trimmed_means(pixels), clipped, (high - low) / 2)
+
+
+def chart_confidence(means: Array) -> float:
+    """Say how far 24 colours are in the order of the chart's: 1 if each channel ranks them as the published colours do.
+
+    The smallest of the three channels' rank correlations (Spearman) with the published colours. Neither a response
+    nor the colour of the light changes ranks within a channel, so this holds for any camera.
+    """
+    from scipy.stats import rankdata
+
+    measured, published = (rankdata(np.round(colours, 6), axis=0) for colours in (means, chart_colours()))
+    if not np.ptp(measured, axis=0).all():
+        return 0.0
+    return float(min(np.corrcoef(measured[:, c], published[:, c])[0, 1] for c in range(3)))
+
+
+def _check_image(image: ArrayLike) -> NDArray:
+    """Return `image` as an array of shape (height, width, 3) of finite numbers, else raise `InputError`."""
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size or not np.issubdtype(pixels.dtype, np.floating):
+        raise InputError(f"the image has shape {pixels.shape} of {pixels.dtype}; use (height, width, 3) in [0, 1]")
+    if not np.isfinite(pixels).all():
+        raise InputError("the image holds NaN or infinite values; use finite values in [0, 1]")
+    return pixels
+
+
+def _reduced(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    import cv2
+
+    scale = min(1.0, _LONGEST_SIDE / max(pixels.shape[:2]))
+    width, height = (max(2, round(scale * length)) for length in pixels.shape[1::-1])
+    return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _stretched(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return the photograph in 8 bits, each channel stretched to the full range, blue first."""
+    white = np.maximum(np.percentile(pixels, 99.5, axis=(0, 1)), 1e-3)
+    return np.rint(255 * np.clip(pixels / white, 0, 1)).astype(np.uint8)[..., ::-1].copy()
+
+
+def _candidates(image: NDArray[np.uint8]) -> Iterator[Array]:
+    """Yield the corners of the patches of all that may be a chart, as fractions of the image."""
+    import cv2
+
+    detector = cv2.mcc.CCheckerDetector.create()
+    detector.setColorChartType(cv2.mcc.MCC24)  # must be said: OpenCV 5.0 leaves it uninitialised
+    detector.setUseDnnModel(False)
+    settings = detector.getDetectionParams()
+    # With these two, the detector drops no candidate for its colours or for lying near another.
+    settings.maxError, settings.minInterCheckerDistance = 1e9, 0
+    detector.setDetectionParams(settings)
+    detector.process(image, _CANDIDATES)
+    frame = (SIZE + 2 * _MARGIN) * UNIT - _MARGIN
+    for checker in detector.getListColorChecker():
+        box = homography(frame, np.array(checker.getBox()))
+        yield (project(box, SIZE * UNIT) + 0.5) / image.shape[1::-1]
+
+
+def _trimmed_means(pixels: Array) -> Array:
+    cut = int(_TRIMMED_SHARE * pixels.shape[1])
+    return np.asarray(np.sort(pixels, axis=1)[:, cut : pixels.shape[1] - cut].mean(axis=1))
+
+
+def _sample(image: NDArray, corners: Array, most: int) -> Array:
+    """Return pixels of the inner boxes, about each one once but `most` a row and column, shape (24, n, 3)."""
+    size = np.array(image.shape[1::-1])
+    box = sample_positions(corners, 2, 2 * _BOX_SHARE) * size  # its four points are the corners of the inner box
+    sides = np.linalg.norm(box[:, [1, 3, 2, 0]] - box[:, [0, 1, 3, 2]], axis=2)
+    if sides.min() < _MIN_BOX_PIXELS:
+        raise InputError(
+            f"the inner box of a patch has {sides.min():.1f} pixels a side; use a larger image of the chart, "
+            f"with {_MIN_BOX_PIXELS} or more"
+        )
+    n = int(min(np.ceil(sides.max()), most))
+    x, y = np.moveaxis(np.floor(sample_positions(corners, n, _BOX_SHARE) * size).astype(np.intp), -1, 0)
+    return image[y.clip(0, size[1] - 1), x.clip(0, size[0] - 1)].astype(np.float64)

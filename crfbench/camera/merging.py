@@ -1,0 +1,190 @@
+"""Merge an exposure series to one linear image, and write linear images for other programs.
+
+The mean of what each photograph says, by how well it knows it: inverse-variance weights, as in Robertson, Borman and
+Stevenson 2003, "Estimation-theoretic approach to dynamic range enhancement using multiple exposures",
+doi:10.1117/1.1557695, with the uncertainty of the curve itself added.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import NormalDist
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.calibration import Calibration
+from crfbench.calibration.observations import SATURATED
+from crfbench.camera.passport import Passport
+from crfbench.camera.series import Image, as_series, as_stops
+from crfbench.curves import GRID, Array, as_valid_curves, evaluate, repair
+from crfbench.errors import InputError
+from crfbench.files import check_new, write_new
+
+_LEVEL = 0.9  # of the band that is taken from a calibration
+_PART = 2**18  # pixels that are merged at once, so that memory is needed for little more than the result
+_LEAST = 1e-9  # irradiance, and share of it that is uncertain; keeps divisions finite
+_SUFFIXES = (".exr", ".tif", ".tiff", ".hdr")
+
+
+class Merged(NamedTuple):
+    """A linear image.
+
+    Parameters
+    ----------
+    radiance : ndarray of float32, shape (h, w, 3) or (h, w)
+        In units of what fills full scale at 0 stops.
+    weight : ndarray of float32, shape (h, w)
+        1 / variance of the natural logarithm of the radiance, of the channel that is known least; 0 where all
+        exposures of a channel are clipped.
+    """
+
+    radiance: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+
+def merge_series(
+    images: Sequence[ArrayLike],
+    exposures: ArrayLike,
+    response: Calibration | Passport | ArrayLike,
+    *,
+    noise: float = 0.01,
+) -> Merged:
+    """Merge aligned photographs of one static scene.
+
+    Parameters
+    ----------
+    images : sequence of array_like, each of shape (h, w) or (h, w, 3)
+        8 or 16 bits.
+    exposures : array_like, shape (e,)
+        In stops.
+    response : Calibration, Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
+        Curves by themselves are inverse responses. One serves all channels. A band, where there is one, tells where
+        the curve is little known.
+    noise : float
+        Standard deviation of the brightness of one pixel, in units of the full range.
+
+    Returns
+    -------
+    Merged
+        Pixels at 0 or from 254/255 of full scale weigh nothing. Where a channel is clipped in all exposures, its
+        radiance is the nearest end of what could be measured: 0, or what just saturates the least exposure.
+
+    Examples
+    --------
+    >>> from crfbench.curves import GRID
+    >>> dark, light = np.uint8([[51, 102]]), np.uint8([[204, 255]])
+    >>> print(merge_series([dark, light], [0, 2], GRID).radiance.round(3))
+    [[0.2 0.4]]
+    """
+    arrays = as_series(images)
+    light = 2.0 ** as_stops(exposures, len(arrays))
+    if not 0 < noise < 1:
+        raise InputError(f"noise={noise!r} is out of range; use a number between 0 and 1, such as 0.01")
+    height, width, channels = arrays[0].shape
+    tables = _tables(*_curves(response, channels), np.iinfo(arrays[0].dtype).max + 1, noise)
+    radiance = np.empty(arrays[0].shape, dtype=np.float32)
+    weight = np.empty((height, width), dtype=np.float32)
+    step = max(1, _PART // width)
+    for rows in (slice(first, first + step) for first in range(0, height, step)):
+        radiance[rows], weight[rows] = _merged([array[rows] for array in arrays], light, tables)
+    return Merged(radiance.reshape(np.shape(images[0])), weight)
+
+
+def _curves(response: Calibration | Passport | ArrayLike, channels: int) -> tuple[Array, Array]:
+    """Return inverse responses and their relative standard deviation, each of shape (1 or c, 1024)."""
+    low, high, level = None, None, None
+    if isinstance(response, Calibration):
+        curves = repair(response.curves)
+        if response.bands:
+            low, high, level = *response.bands[_LEVEL], _LEVEL
+    elif isinstance(response, Passport):
+        curves = response.in_direction("inverse")
+        if response.direction == "inverse":
+            low, high, level = response.low, response.high, response.level
+    else:
+        curves = as_valid_curves(response)
+    if len(curves) not in (1, channels):
+        raise InputError(f"{len(curves)} curves do not match images of {channels} channels; use 1 or {channels}")
+    if low is None or high is None or level is None:
+        return curves, np.zeros_like(curves)
+    wide = 2.0 * NormalDist().inv_cdf(0.5 + level / 2)
+    return curves, (high - low) / (wide * np.maximum(curves, _LEAST))
+
+
+def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[NDArray[np.float32]]:
+    """Tabulate what every level says: weight, weight times irradiance, and what a clipped pixel has at least.
+
+    Each table has the shape (levels, 1, c). With g the inverse response and s the relative deviation of its band, the
+    logarithm of an irradiance has the variance s^2 + (noise g' / g)^2. It is relative, so that the weight does not
+    depend on the radiance itself.
+    """
+    brightness = np.linspace(0.0, 1.0, levels)
+    g = evaluate(curves, brightness)
+    steepness = evaluate(np.gradient(curves, GRID, axis=1), brightness) / np.maximum(g, _LEAST)
+    variance = evaluate(deviation, brightness) ** 2 + (noise * steepness) ** 2
+    measured = (brightness > 0.0) & (brightness < SATURATED)
+    weight = np.where(measured, 1.0 / np.maximum(variance, _LEAST), 0.0)
+    bound = np.where(measured, 0.0, g)
+    return [table.T[:, None].astype(np.float32) for table in (weight, weight * g, bound)]
+
+
+def _merged(images: Sequence[Image], light: Array, tables: Sequence[NDArray[np.float32]]) -> tuple[Array, Array]:
+    """Merge some rows of all images, (h, w, c) each, to radiance (h, w, c) and weight (h, w)."""
+    total, weighted, bound = np.zeros((3, *images[0].shape), dtype=np.float32)
+    for image, exposure in zip(images, light, strict=True):
+        weight, times, least = (_look_up(image, table) for table in tables)
+        total += weight
+        weighted += times / np.float32(exposure)
+        np.maximum(bound, least / np.float32(exposure), out=bound)
+    radiance = np.where(total > 0, weighted / np.where(total > 0, total, 1), bound)
+    return radiance, total.min(axis=2)
+
+
+def _look_up(image: Image, table: NDArray[np.float32]) -> NDArray[np.float32]:
+    import cv2
+
+    return np.asarray(cv2.LUT(np.ascontiguousarray(image), table), dtype=np.float32).reshape(image.shape)
+
+
+def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) -> None:
+    """Write a linear image, complete or not at all.
+
+    Parameters
+    ----------
+    path : path
+        ``.exr`` (OpenEXR, ZIP) and ``.tif`` or ``.tiff`` (not compressed) keep every float32 exactly; ``.hdr``
+        (Radiance) keeps 8 bits and a common exponent.
+    radiance : array_like, shape (h, w, 3)
+        Red, green and blue, finite, not negative.
+    overwrite : bool
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise InputError(f"the name {path} tells no format; let it end in one of {', '.join(_SUFFIXES)}")
+    pixels = np.asarray(radiance)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size or pixels.dtype.kind not in "fiu":
+        raise InputError(f"the image is {pixels.dtype} of shape {pixels.shape}; use numbers of shape (h, w, 3)")
+    pixels = np.ascontiguousarray(pixels, dtype=np.float32)
+    if not np.isfinite(pixels).all() or pixels.min() < 0:
+        raise InputError("the image holds values that are negative or not finite in float32; use radiances from 0")
+    check_new(path, overwrite)
+    write_new(path, _exr(pixels) if suffix == ".exr" else _encoded(suffix, pixels), overwrite)
+
+
+def _exr(pixels: NDArray[np.float32]) -> bytes:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with TemporaryDirectory() as folder:  # the library writes to files only
+        file = Path(folder) / "image.exr"
+        OpenEXR.File(header, {"RGB": pixels}).write(str(file))
+        return file.read_bytes()
+
+
+def _encoded(suffix: str, pixels: NDArray[np.float32]) -> bytes:
+    import cv2
+
+    options = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_NONE] if suffix.startswith(".tif") else []
+    return bytes(cv2.imencode(suffix, pixels[..., ::-1], options)[1].tobytes())

@@ -1,0 +1,158 @@
+"""The response passport: the curves of one camera, how sure they are, and what they were calibrated from."""
+
+import re
+from dataclasses import dataclass, field, replace
+from datetime import date
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crfbench.checks import as_finite, check_count
+from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, invert
+from crfbench.errors import InputError
+
+#: The channels of a passport, by how many curves it has.
+CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
+
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+_TEXTS = ("camera", "model", "data_sha256", "version", "created")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Passport:
+    """One camera's response and what is known of it; what is not known stays at its default.
+
+    Parameters
+    ----------
+    direction : {"inverse", "forward"}
+        Brightness to irradiance, or irradiance to brightness; of the curves and of the band.
+    curves : array_like, shape (1024,), (1, 1024) or (3, 1024)
+        Monotone, from (0, 0) to (1, 1): one curve for intensity, or red, green and blue. Kept read-only.
+    low, high : array_like, same shape, optional
+        A pointwise band about the curves.
+    level : float, optional
+        The probability that the band stands for, such as 0.9; given if and only if the band is.
+    camera : str
+    iso : int, optional
+        Sensitivity setting that the curves hold for.
+    model : str
+        Name of the model that the curves were decoded from, such as "SLR-ldl-3".
+    params : array_like, shape (c, k), optional
+        Its parameters, a row a curve.
+    data_sha256 : str
+        SHA-256 of the data it was calibrated from, 64 small hexadecimal digits.
+    valid_range : tuple of float
+        Lowest and highest brightness, in [0, 1], that the data constrained; beyond it the curves extrapolate.
+    created : str
+        ISO date, such as "2026-01-31"; the caller says it, no clock is read.
+    version : str
+        Of the crfbench that made it; by default this one.
+
+    Examples
+    --------
+    >>> from crfbench.curves import GRID
+    >>> Passport("inverse", GRID**2.2, camera="Coolcam 3")
+    Passport('Coolcam 3', inverse, intensity)
+    """
+
+    direction: Direction
+    curves: Array
+    low: Array | None = None
+    high: Array | None = None
+    level: float | None = None
+    camera: str = ""
+    iso: int | None = None
+    model: str = ""
+    params: Array | None = None
+    data_sha256: str = ""
+    valid_range: tuple[float, float] = (0.0, 1.0)
+    created: str = ""
+    version: str = field(default_factory=lambda: version("crfbench"))
+
+    def __post_init__(self) -> None:
+        check_direction(self.direction)
+        for name in _TEXTS:
+            if not isinstance(getattr(self, name), str):
+                raise InputError(f"{name}={getattr(self, name)!r} is not text; use a str")
+        curves = _checked_curves(self.curves)
+        self._set(curves=curves, **_checked_band(self.low, self.high, self.level, curves.shape))
+        self._set(params=_checked_params(self.params, len(curves)), valid_range=_checked_range(self.valid_range))
+        if self.iso is not None:
+            self._set(iso=check_count("iso", self.iso))
+        _check_created(self.created)
+        if self.data_sha256 and not _SHA256.fullmatch(self.data_sha256):
+            raise InputError(f"data_sha256={self.data_sha256!r} is not a SHA-256; use 64 small hexadecimal digits")
+
+    def __repr__(self) -> str:
+        return f"Passport({self.camera!r}, {self.direction}, {', '.join(self.channels)})"
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of the curves: "intensity", or "red", "green" and "blue"."""
+        return CHANNELS[len(self.curves)]
+
+    def in_direction(self, direction: str) -> Array:
+        """Return the curves as responses ("forward") or inverse responses ("inverse"), shape (c, 1024)."""
+        return self.curves if check_direction(direction) == self.direction else invert(self.curves)
+
+    def channel(self, name: str) -> "Passport":
+        """Return the passport of one of `channels`, as intensity."""
+        if name not in self.channels:
+            raise InputError(f"channel={name!r} is not in this passport; use one of {', '.join(self.channels)}")
+        row = self.channels.index(name)
+        low, high, params = (None if part is None else part[[row]] for part in (self.low, self.high, self.params))
+        return replace(self, curves=self.curves[[row]], low=low, high=high, params=params)
+
+    def _set(self, **values: Any) -> None:
+        """Set checked values; only `__post_init__` may, as the class is frozen."""
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+
+def _checked_curves(curves: ArrayLike) -> Array:
+    batch = np.array(as_valid_curves(curves))  # a copy, so that no change of the caller's array reaches it
+    if len(batch) not in CHANNELS:
+        raise InputError(f"{len(batch)} curves are not a passport's; use 1 (intensity) or 3 (red, green, blue)")
+    return batch
+
+
+def _checked_band(low: Array | None, high: Array | None, level: object, shape: tuple[int, ...]) -> dict[str, Any]:
+    if low is None and high is None and level is None:
+        return {}
+    if low is None or high is None or level is None:
+        raise InputError("the band lacks one of low, high and level; use all three or none")
+    low, high = np.array(as_curves(low)), np.array(as_curves(high))
+    if not low.shape == high.shape == shape or (low > high).any():
+        raise InputError(f"low {low.shape} and high {high.shape} are not a band; use low <= high of shape {shape}")
+    number = as_finite("level", level)
+    if number.ndim or not 0.0 < number < 1.0:
+        raise InputError(f"level={level!r} is not a probability; use a number between 0 and 1, such as 0.9")
+    return {"low": low, "high": high, "level": float(number)}
+
+
+def _checked_params(params: ArrayLike | None, c: int) -> Array | None:
+    if params is None:
+        return None
+    rows = np.array(as_finite("params", params), ndmin=2)
+    if rows.ndim != 2 or len(rows) != c:
+        raise InputError(f"params have the wrong shape, {rows.shape}, for {c} curves; use a row a curve")
+    return rows
+
+
+def _checked_range(valid_range: object) -> tuple[float, float]:
+    values = as_finite("valid_range", valid_range)
+    if values.shape != (2,) or not 0.0 <= values[0] < values[1] <= 1.0:
+        raise InputError(f"valid_range={valid_range!r} is out of range; use two rising brightnesses in [0, 1]")
+    return float(values[0]), float(values[1])
+
+
+def _check_created(created: str) -> None:
+    try:
+        if created and date.fromisoformat(created).isoformat() != created:
+            raise ValueError
+    except ValueError:
+        raise InputError(f"created={created!r} is not a valid date; use one like '2026-01-31'") from None

@@ -1,0 +1,236 @@
+"""Read photographs as numbers: RAW files as the sensor's linear values, JPEG, PNG and TIFF files as they are stored.
+
+Nothing is balanced, brightened or converted. Files are untrusted: their headers are checked before anything is
+decoded, and `crfbench.camera.worker` decodes them in a process of its own, as a decoder can crash.
+"""
+
+import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crfbench.errors import FormatError
+
+# More than any camera writes; a header that announces more is refused before it is decoded.
+MAX_PIXELS = 160_000_000
+MAX_BYTES = 512 * 1024 * 1024
+
+IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff"})
+_RAW_NAMES = (
+    *("3fr", "ari", "arw", "bay", "cr2", "cr3", "crw", "dc2", "dcr", "dng", "erf", "fff", "gpr", "iiq", "k25"),
+    *("kdc", "mdc", "mef", "mos", "mrw", "nef", "nrw", "orf", "pef", "raf", "raw", "rw2", "rwl", "sr2", "srf"),
+    *("srw", "x3f"),
+)
+RAW_SUFFIXES = frozenset(f".{name}" for name in _RAW_NAMES)
+
+# EXIF 2.32 (CIPA DC-008).
+_MODEL, _ORIENTATION, _EXIF_FOLDER = 0x0110, 0x0112, 0x8769
+_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
+# What Pillow raises on bytes that are not an image, or one that was cut or altered.
+_DAMAGE: tuple[type[Exception], ...] = (
+    *(OSError, EOFError, ValueError, TypeError, KeyError, IndexError, SyntaxError, OverflowError, RuntimeError),
+    *(ZeroDivisionError, AttributeError, struct.error),
+)
+
+
+@dataclass(frozen=True)
+class Exif:
+    """What a photograph says of its exposure and camera; None where it does not.
+
+    Parameters
+    ----------
+    exposure_time : float, optional
+        Seconds.
+    f_number : float, optional
+    iso : float, optional
+        ISO speed.
+    model : str, optional
+        Of the camera. LibRaw, which reads the RAW files, does not tell it.
+    """
+
+    exposure_time: float | None = None
+    f_number: float | None = None
+    iso: float | None = None
+    model: str | None = None
+
+
+def read_raw(path: Path) -> NDArray[np.float32]:
+    """Read a RAW file as linear sensor values.
+
+    Black is subtracted and the white level is 1, the same for every photograph of a camera. No white balance (factors
+    1, 1, 1, 1), no colour matrix, no tone curve, no brightening; missing colours are interpolated linearly from their
+    neighbours. Turned as the file says, as a JPEG of the same photograph is.
+
+    Returned are red, green and blue in [0, 1], shape (height, width, 3). The file of another kind of sensor, a damaged
+    and a too large one are a `FormatError`.
+    """
+    import rawpy
+
+    with _open_raw(path) as raw:
+        pixels = raw.postprocess(
+            user_wb=[1.0, 1.0, 1.0, 1.0],
+            output_color=rawpy.ColorSpace.raw,
+            demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
+            gamma=(1, 1),
+            no_auto_bright=True,
+            adjust_maximum_thr=0.0,  # else the white level would follow the brightest pixel
+            output_bps=16,
+        )
+    return np.asarray(pixels, dtype=np.float32) / np.float32(65535)
+
+
+def read_image(path: Path) -> NDArray[np.float32]:
+    """Read a JPEG, PNG or TIFF file as it is stored; colour profiles are not applied.
+
+    Turned as its EXIF orientation says. Only red-green-blue images are read: grey, palette, CMYK, alpha and floating
+    point are refused, as it would take a guess to turn them into three channels.
+
+    Parameters
+    ----------
+    path : path
+        Another kind of file, a damaged or a too large one is a `FormatError`.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width, 3)
+        Red, green and blue in [0, 1].
+    """
+    levels = read_levels(path)
+    return levels.astype(np.float32) / np.float32(np.iinfo(levels.dtype).max)
+
+
+def read_levels(path: Path) -> NDArray[Any]:
+    """Read an image as the uint8 or uint16 that its file holds, shape (height, width, 3), or raise `FormatError`."""
+    import cv2
+
+    path = Path(path)
+    _, content = _open_image(path)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    except cv2.error:
+        raise _unreadable(path, "image") from None
+    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
+        raise FormatError(f"{path.name} cannot be decoded; use a complete JPEG, PNG or TIFF file of 8 or 16 bits")
+    # Reversed here: OpenCV 5.0 garbles TIFF files of 16 bits where it is asked for red first.
+    return np.ascontiguousarray(pixels[..., ::-1])
+
+
+def read_size(path: Path) -> tuple[int, int]:
+    """Read width and height in pixels, turned as the file says, from the header alone."""
+    path = Path(path)
+    if path.suffix.lower() in RAW_SUFFIXES:
+        with _open_raw(path) as raw:
+            return _turned_size(raw)
+    image, _ = _open_image(path)
+    # Pillow turns the size of TIFF files itself.
+    turned = _exif_tags(image).get(_ORIENTATION) in (5, 6, 7, 8) and image.format != "TIFF"
+    width, height = image.size
+    return (height, width) if turned else (width, height)
+
+
+def read_exif(path: Path) -> Exif:
+    """Read exposure and camera from the header of a JPEG, PNG, TIFF or RAW file."""
+    path = Path(path)
+    if path.suffix.lower() in RAW_SUFFIXES:
+        with _open_raw(path) as raw:
+            other = raw.other
+        return Exif(_positive(other.shutter_speed), _positive(other.aperture), _positive(other.iso_speed))
+    tags = _exif_tags(_open_image(path)[0])
+    model = str(tags.get(_MODEL, "")).strip("\0 ")
+    time, f_number, iso = (_positive(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO))
+    return Exif(time, f_number, iso, model or None)
+
+
+@contextmanager
+def _open_raw(path: Path) -> Iterator[Any]:
+    """Open a RAW file with LibRaw, its header read and checked but not its pixels."""
+    import rawpy
+
+    path = Path(path)
+    content = _content(path)
+    try:
+        with rawpy.imread(BytesIO(content)) as raw:
+            _check_raw(path, raw)
+            yield raw
+    except (rawpy.LibRawError, rawpy.NotSupportedError):
+        raise _unreadable(path, "RAW file") from None
+
+
+def _check_raw(path: Path, raw: Any) -> None:
+    """Refuse sizes and sensors before unpacking."""
+    _check_size(path, raw.sizes.raw_width, raw.sizes.raw_height)
+    _check_size(path, *_turned_size(raw))
+    if raw.num_colors != 3 or set(raw.color_desc) != set(b"RGB"):
+        colours = raw.color_desc.decode("ascii", "replace")
+        raise FormatError(f"{path.name} has a sensor of the colours {colours!r}; use one of red, green and blue")
+
+
+def _turned_size(raw: Any) -> tuple[int, int]:
+    sizes = raw.sizes
+    return (sizes.height, sizes.width) if sizes.flip in (5, 6) else (sizes.width, sizes.height)
+
+
+def _open_image(path: Path) -> tuple[Any, bytes]:
+    """Return Pillow's view of an image file, its header read and checked but not its pixels, and the file's bytes."""
+    from PIL import Image
+
+    content = _content(path)
+    damage: tuple[type[Exception], ...] = (*_DAMAGE, Image.DecompressionBombError)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about sizes, which are checked here, and damage that is found later
+        try:
+            image = Image.open(BytesIO(content), formats=("JPEG", "PNG", "TIFF"))
+        except damage:
+            raise _unreadable(path, "JPEG, PNG or TIFF file") from None
+    _check_size(path, *image.size)
+    if image.mode != "RGB" or "transparency" in image.info:
+        kind = "RGB with transparency" if image.mode == "RGB" else image.mode
+        raise FormatError(f"{path.name} is a {kind} image; use RGB with 8 or 16 bits and without alpha")
+    return image, content
+
+
+def _exif_tags(image: Any) -> dict[int, Any]:
+    """Return the EXIF tags of what Pillow opened; none where they are missing or damaged."""
+    if image.format == "PNG" and "exif" not in image.info:
+        return {}  # Pillow would decode the pixels to look behind them
+    try:
+        exif = image.getexif()
+        return {**exif, **exif.get_ifd(_EXIF_FOLDER)}
+    except _DAMAGE:
+        return {}
+
+
+def _positive(value: Any) -> float | None:
+    """Return a number if it is one and above 0; the first one of several."""
+    try:
+        number = float(value[0] if isinstance(value, tuple) else value)
+    except (TypeError, ValueError, IndexError, ZeroDivisionError, OverflowError):
+        return None
+    return number if isfinite(number) and number > 0 else None
+
+
+def _content(path: Path) -> bytes:
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise FormatError(f"{path.name} has {size} bytes; use a photograph of {MAX_BYTES} bytes or less")
+        return path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path.name} cannot be read ({error.strerror}); use a file that is there") from None
+
+
+def _unreadable(path: Path, kind: str) -> FormatError:
+    return FormatError(f"{path.name} is not a readable {kind}; use a complete one")
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if not 0 < width * height <= MAX_PIXELS:
+        raise FormatError(f"{path.name} announces {width} x {height} pixels; use 1 to {MAX_PIXELS} pixels")

@@ -1,0 +1,213 @@
+"""From an exposure series of any static scene, without a chart, to inverse responses.
+
+What a series is calibrated from are small flat blocks of the photographs that cover the brightness range.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.calibration import Calibration, Noise, Observations, calibrate
+from crfbench.calibration.observations import SATURATED
+from crfbench.checks import as_numbers, check_count, check_seed
+from crfbench.curves import Array
+from crfbench.errors import InputError
+from crfbench.models import ResponseModel, load_model
+
+Image = NDArray[Any]
+
+_STOPS = 60.0  # between least and greatest exposure; more cannot be one camera's
+_SIDE = 5  # pixels of a block along each side
+_STRATA = 32  # of equal width in brightness
+_FLATTEST = 0.25  # share of a stratum that is drawn from
+_CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
+# Of its many blocks, neighbours in brightness repeat how a model misses the curve.
+_INDEPENDENT = 24.0
+
+
+def calibrate_series(
+    images: Sequence[ArrayLike],
+    exposures: ArrayLike,
+    model: ResponseModel | None = None,
+    method: str = "posterior",
+    *,
+    n: int = 256,
+    seed: int = 0,
+    per_channel: bool = False,
+    exposure_error: float = 0.02,
+) -> Calibration:
+    """Find the inverse response of the camera that took a series.
+
+    Parameters
+    ----------
+    images, exposures
+        As in `sample_series`.
+    model : ResponseModel, optional
+        Of direction "inverse", with a prior; by default PPISP-4: a series that fills the range tells more than one
+        number, and of uncommon responses, as of film, a single latent number misses much.
+    method : {"posterior", "map"}
+        As in `crfbench.calibrate`.
+    n, seed, per_channel
+        As in `sample_series`.
+    exposure_error : float
+        Standard deviation of each exposure in stops. Times as a camera names them, 1/60 for 1/64, call for 0.05.
+
+    Returns
+    -------
+    Calibration
+        One curve, or with `per_channel` one for each channel. Exposures alone tell no scale: where the data do not
+        reach, that the curve ends in (1, 1) is the model's word.
+    """
+    observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
+    # However many blocks there are, those of a set count as `_INDEPENDENT` ones.
+    measured = float(observations.counts.sum(axis=(1, 2)).mean())
+    noise = Noise(exposure=exposure_error, independent=min(1.0, _INDEPENDENT / measured))
+    return calibrate(model or load_model("PPISP-4"), observations, method, noise=noise, seed=seed)
+
+
+def sample_series(
+    images: Sequence[ArrayLike], exposures: ArrayLike, *, n: int = 256, seed: int = 0, per_channel: bool = False
+) -> Observations:
+    """Choose blocks of a series and return their brightness, ready to calibrate from.
+
+    A block is 5 x 5 pixels of one channel: its mean beats noise. It must be neither black nor saturated anywhere in two
+    exposures or more. By their brightness, averaged over all exposures, the blocks are divided into 32 strata of equal
+    width; from each stratum equally many are drawn at random, among the flattest quarter, where photographs that are
+    misaligned by a pixel still show the same.
+
+    Parameters
+    ----------
+    images : sequence of array_like, each of shape (h, w) or (h, w, 3)
+        Of one static scene, 8 or 16 bits.
+    exposures : array_like, shape (e,)
+        In stops.
+    n : int
+        How many blocks, at most, for each set of observations.
+    seed : int
+        Of the draw.
+    per_channel : bool
+        Whether each channel makes a set of its own, or all of them together one, as of a camera with one response for
+        all. Means over channels are not taken: a response is nonlinear, so the mean of its values is not its value at
+        the mean.
+
+    Returns
+    -------
+    Observations
+        One set, or with `per_channel` one for each channel, without a reference. Blocks that are partly clipped count
+        for nothing in that exposure.
+    """
+    arrays = as_series(images)
+    stops = as_stops(exposures, len(arrays))
+    check_count("n", n, _STRATA)
+    channels = range(arrays[0].shape[2])
+    groups = [[c] for c in channels] if per_channel else [list(channels)]
+    sets = [_blocks([array[..., c] for array in arrays for c in group], len(arrays)) for group in groups]
+    rng = np.random.default_rng(check_seed(seed))
+    drawn = [_drawn(blocks, stops, n, rng) for blocks in sets]
+    # Shorter sets are filled with blocks of brightness 0, which are not measured.
+    longest = max(blocks.shape[2] for blocks in drawn)
+    filled = np.stack([np.pad(blocks, ((0, 0), (0, 0), (0, longest - blocks.shape[2]))) for blocks in drawn])
+    measured = _measured(np.moveaxis(filled, 1, 0))
+    return Observations(filled[:, 0], exposures=stops, clipped=~measured, weights=measured)
+
+
+def as_series(images: Sequence[ArrayLike]) -> list[Image]:
+    """Return two or more images as arrays (h, w, c) with c = 1 or 3, all alike."""
+    arrays = [np.atleast_3d(np.asarray(image)) for image in images]
+    if len(arrays) < 2:
+        raise InputError(f"the series has {len(arrays)} images; use two or more of one scene at different exposures")
+    first = arrays[0]
+    if first.dtype not in (np.uint8, np.uint16) or first.ndim != 3 or first.shape[2] not in (1, 3) or not first.size:
+        raise InputError(f"image 0 is {first.dtype} of shape {first.shape}; use uint8 or uint16, (h, w) or (h, w, 3)")
+    for i, array in enumerate(arrays):
+        if (array.shape, array.dtype) != (first.shape, first.dtype):
+            kinds = f"image 0 is {first.dtype} {first.shape}, image {i} {array.dtype} {array.shape}"
+            raise InputError(f"{kinds}; use images of one size and depth, aligned with each other")
+    return arrays
+
+
+def as_stops(exposures: ArrayLike, n: int) -> Array:
+    """Return the exposures of `n` images in stops: finite, not all equal, and not too far apart."""
+    stops = as_numbers("exposures", exposures)
+    if stops.shape != (n,) or not np.isfinite(stops).all():
+        raise InputError(f"exposures={stops.tolist()} do not match {n} images; use one finite number of stops an image")
+    if not 0 < np.ptp(stops) <= _STOPS:
+        raise InputError(
+            f"exposures={stops.tolist()} span {np.ptp(stops):g} stops; use unequal ones, {_STOPS:g} stops apart or less"
+        )
+    return stops
+
+
+def _blocks(planes: Sequence[Image], e: int) -> Array:
+    """Reduce planes (h, w), those of the first of `e` exposures first, to mean, least and greatest (3, e, blocks)."""
+    return np.stack([_reduced(plane) for plane in planes], axis=1).reshape(3, e, -1)
+
+
+def _reduced(plane: Image) -> Array:
+    """Return mean, least and greatest brightness of the blocks of one plane, shape (3, rows, columns)."""
+    import cv2
+
+    side = min(_SIDE, *plane.shape)
+    rows, columns = (length // side for length in plane.shape)
+    cut = np.ascontiguousarray(plane[: rows * side, : columns * side])
+    kernel, first = np.ones((side, side), np.uint8), side // 2
+    white = np.iinfo(plane.dtype).max
+    mean = cv2.resize(cut.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
+    # Erosion and dilation give the extremes around every pixel; those around the centres are the blocks'.
+    extremes = (of(cut, kernel)[first::side, first::side] for of in (cv2.erode, cv2.dilate))
+    low, high = (extreme.astype(np.float64) / white for extreme in extremes)
+    return np.stack([np.clip(mean.astype(np.float64) / white, low, high), low, high])
+
+
+def _measured(blocks: Array) -> NDArray[np.bool_]:
+    """Say which blocks are neither black nor saturated anywhere; mean, least and greatest come first."""
+    _, low, high = blocks
+    return np.asarray((low > 0.0) & (high < SATURATED))
+
+
+def _drawn(blocks: Array, stops: Array, n: int, rng: np.random.Generator) -> Array:
+    """Draw at most `n` blocks (3, e, n) of one set (3, e, blocks) from its strata."""
+    usable = _measured(blocks).sum(axis=0) >= 2
+    if not usable.any():
+        raise InputError(f"none of {usable.size} blocks is unclipped in two exposures; use less extreme exposures")
+    candidates = blocks[..., usable]
+    _check_change(candidates, stops)
+    return candidates[..., _stratified(candidates, n, rng)]
+
+
+def _check_change(blocks: Array, stops: Array) -> None:
+    """Refuse a scene that does not get brighter from the least to the greatest exposure that measured it."""
+    order = np.argsort(stops, kind="stable")
+    mean, measured = blocks[0, order], _measured(blocks)[order]
+    least, greatest = np.argmax(measured, axis=0), len(order) - 1 - np.argmax(measured[::-1], axis=0)
+    each = np.arange(mean.shape[1])
+    change = float(np.median(mean[greatest, each] - mean[least, each]))
+    if change < _CHANGE:
+        raise InputError(
+            f"brightness changes by {change:.3g} where exposure rises; use exposures in the order of the images, "
+            "of a still scene, from a camera that does not brighten them by itself"
+        )
+
+
+def _stratified(blocks: Array, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Return the indices of at most `n` blocks, equally many of each stratum where there are so many."""
+    (mean, low, high), measured = blocks, _measured(blocks)
+    level = mean.mean(axis=0)  # rises with radiance even where single exposures are clipped
+    span = np.where(measured, high - low, 0.0).sum(axis=0) / measured.sum(axis=0)
+    edges = np.linspace(level.min(), level.max(), _STRATA + 1)[1:-1]
+    stratum = np.searchsorted(edges, level, side="right")
+    quota, draw = n // _STRATA, rng.random(level.size)
+    rough = _ranks(stratum, span, draw)
+    flat = np.flatnonzero(rough < np.maximum(quota, _FLATTEST * np.bincount(stratum)[stratum]))
+    return flat[_ranks(stratum[flat], draw[flat]) < quota]
+
+
+def _ranks(group: NDArray[np.intp], *keys: Array) -> NDArray[np.intp]:
+    """Return the rank of each entry inside its group, from 0, by the first key and where that ties the next."""
+    order = np.lexsort((*keys[::-1], group))
+    first = np.searchsorted(group[order], group[order])
+    ranks = np.empty(len(group), dtype=np.intp)
+    ranks[order] = np.arange(len(group)) - first
+    return ranks
