@@ -1,4 +1,4 @@
-"""What an argument must be: numbers, a whole number, a seed, one of some names; all else gets one sentence."""
+"""What an argument must be: numbers, a whole number, a seed, one of some names; all else is an `InputError`."""
 
 import reprlib
 from collections.abc import Iterable
@@ -24,16 +24,11 @@ def as_numbers(name: str, values: object) -> NDArray[np.float64]:
     Returns
     -------
     ndarray, shape of `values`
-
-    Raises
-    ------
-    InputError
-        For anything that is not a table of real numbers.
     """
     wrong = "rows of unequal length"
     try:
         array = np.asarray(values)
-        wrong = "something that is no number"
+        wrong = "something that is not a number"
         if values is not None and array.dtype.kind in "biufO":  # objects may be numbers: fractions, large integers
             return np.asarray(array, dtype=np.float64)
         wrong = {"U": "text", "S": "text", "c": "complex numbers"}.get(array.dtype.kind, wrong)
@@ -43,23 +38,7 @@ def as_numbers(name: str, values: object) -> NDArray[np.float64]:
 
 
 def as_finite(name: str, values: object) -> NDArray[np.float64]:
-    """Return `values` as float64, as `as_numbers` does, and refuse NaN and infinite ones too.
-
-    Parameters
-    ----------
-    name : str
-        What the message calls them.
-    values : array_like
-
-    Returns
-    -------
-    ndarray, shape of `values`
-
-    Raises
-    ------
-    InputError
-        For anything that is not a table of finite real numbers.
-    """
+    """Return `values` as `as_numbers` does, and refuse NaN and infinite ones too."""
     array = as_numbers(name, values)
     if not np.isfinite(array).all():
         raise InputError(f"{name} of shape {array.shape} holds NaN or infinite values; use finite numbers")
@@ -67,55 +46,33 @@ def as_finite(name: str, values: object) -> NDArray[np.float64]:
 
 
 def check_number(name: str, value: object, least: float, most: float = MOST) -> float:
-    """Return `value` if it is a number from `least` to `most`.
-
-    Raises
-    ------
-    InputError
-        For one outside, NaN, and anything that is no real number.
-    """
+    """Return `value` if it is a number from `least` to `most`; NaN is outside."""
+    # To Python a bool is an int, but nobody means True by a number.
     if (
         isinstance(value, int | float | np.integer | np.floating)
         and not isinstance(value, bool)
         and least <= value <= most
     ):
         return float(value)
-    raise InputError(f"{name}={value!r} does not fit; use a number from {least:g} to {most:g}")
+    raise InputError(f"{name}={value!r} is out of range; use a number from {least:g} to {most:g}")
 
 
 def check_count(name: str, value: object, least: int = 1, most: int | None = None) -> int:
-    """Return `value` if it is a whole number from `least` to `most`.
-
-    Raises
-    ------
-    InputError
-        For one outside, a float (even a whole one), a bool, and anything that is no number.
-    """
-    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= (most or value):
+    """Return `value` if it is a whole number from `least` to `most`; a float is not, even a whole one."""
+    limit = np.inf if most is None else most
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= limit:
         return int(value)
     upto = "" if most is None else f" to {most}"
-    raise InputError(f"{name}={value!r} does not fit; use a whole number from {least}{upto}")
+    raise InputError(f"{name}={value!r} is out of range; use a whole number from {least}{upto}")
 
 
 def check_seed(seed: object) -> int:
-    """Return `seed` if it is a whole number from 0; None, which NumPy takes for "anything", is refused.
-
-    Raises
-    ------
-    InputError
-        For anything else: without a seed no result comes twice.
-    """
+    """Return `seed` if it is a whole number from 0; None is refused, for without a seed no result comes twice."""
     return check_count("seed", seed, least=0)
 
 
 def check_choice(name: str, value: object, choices: Iterable[str]) -> str:
-    """Return `value` if it is one of `choices`.
-
-    Raises
-    ------
-    InputError
-        For any other, which need not be text.
-    """
+    """Return `value` if it is one of `choices`."""
     known = list(choices)
     if isinstance(value, str) and value in known:
         return value

@@ -9,7 +9,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crfbench.checks import as_finite, as_numbers, check_number
+from crfbench.checks import as_finite, as_numbers, check_choice, check_number
 from crfbench.errors import InputError
 
 Array = NDArray[np.float64]
@@ -26,10 +26,8 @@ _TILT = 1e-6
 
 
 def check_direction(direction: str) -> Direction:
-    """Return `direction` if it is "forward" or "inverse", else raise `InputError`."""
-    if direction in get_args(Direction):
-        return cast(Direction, direction)
-    raise InputError(f"direction={direction!r} is not known; use 'forward' or 'inverse'")
+    """Return `direction` if it is "forward" or "inverse"."""
+    return cast(Direction, check_choice("direction", direction, get_args(Direction)))
 
 
 def axis_labels(direction: Direction) -> tuple[str, str]:
@@ -48,11 +46,6 @@ def as_curves(curves: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (n, 1024)
-
-    Raises
-    ------
-    InputError
-        For another shape, no curve at all, or values that are not finite.
     """
     batch = np.atleast_2d(as_numbers("curves", curves))
     if batch.ndim != 2 or batch.shape[1] != N_SAMPLES or not len(batch):
@@ -64,13 +57,7 @@ def as_curves(curves: ArrayLike) -> Array:
 
 
 def as_scaled_curves(curves: ArrayLike) -> Array:
-    """Return `curves` as a batch to fit a model to.
-
-    Raises
-    ------
-    InputError
-        As `as_curves`; also for a curve that is plainly on another scale than 0 to 1, as 8-bit values are.
-    """
+    """Return `curves` as a batch to fit a model to; one plainly on another scale, as 8-bit values are, is refused."""
     batch = as_curves(curves)
     most = np.abs(batch).max(axis=1)
     if most.max() > _MOST:
@@ -80,13 +67,7 @@ def as_scaled_curves(curves: ArrayLike) -> Array:
 
 
 def as_valid_curves(curves: ArrayLike, tolerance: float = 1e-6) -> Array:
-    """Return `curves` as a batch of monotone curves from (0, 0) to (1, 1).
-
-    Raises
-    ------
-    InputError
-        As `as_curves`; also for a curve that falls or whose ends are off by more than `tolerance`.
-    """
+    """Return `curves` as a batch if they are monotone and run from (0, 0) to (1, 1), but for `tolerance`."""
     batch, tolerance = as_curves(curves), check_number("tolerance", tolerance, 0.0)
     drop = -np.diff(batch, axis=1).min(axis=1)
     if drop.max() > tolerance:
@@ -111,15 +92,11 @@ def evaluate(curves: NDArray[np.floating], x: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (..., m)
-
-    Raises
-    ------
-    InputError
-        For curves of another length, positions that are not finite, and shapes that do not fit each other.
     """
     at = as_finite("x", x)
     if np.shape(curves)[-1:] != (N_SAMPLES,) or at.ndim not in (1, np.ndim(curves)):
         raise InputError(f"curves have shape {np.shape(curves)} and x {at.shape}; use (..., 1024) and (m,) or (..., m)")
+    # The grid is even, so the left neighbour is found by division, without a search.
     position = np.clip(at, 0.0, 1.0) * (N_SAMPLES - 1)
     left = np.minimum(position.astype(np.intp), N_SAMPLES - 2)
     if left.ndim == 1:
@@ -141,11 +118,6 @@ def resample(x: ArrayLike, y: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (1024,)
-
-    Raises
-    ------
-    InputError
-        For unequal lengths, values that are not finite, falling values, or no range at all.
     """
     positions, values = as_finite("x", x), as_finite("y", y)
     if positions.ndim != 1 or positions.shape != values.shape or len(positions) < 2:
@@ -167,11 +139,6 @@ def invert(curves: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (1024,) or (n, 1024)
-
-    Raises
-    ------
-    InputError
-        As `as_valid_curves`.
     """
     batch = (as_valid_curves(curves) + _TILT * GRID) / (1.0 + _TILT)
     # Rows shifted apart make one increasing sequence, so one call inverts them all.
@@ -199,7 +166,7 @@ def repair(curves: ArrayLike) -> Array:
     from scipy.optimize import isotonic_regression
 
     batch = as_curves(curves).copy()
-    inner = batch[:, 1:-1]
+    inner = batch[:, 1:-1]  # the ends are fixed, so they take no part in the regression
     for row in np.flatnonzero((np.diff(inner, axis=1) < 0).any(axis=1)):
         inner[row] = isotonic_regression(inner[row]).x
     np.clip(batch, 0.0, 1.0, out=batch)

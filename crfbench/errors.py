@@ -14,8 +14,12 @@ class FormatError(CrfbenchError, ValueError):
 
 
 class MissingDataError(CrfbenchError, FileNotFoundError):
-    """A data set that is not shipped was asked for and was not found."""
+    """A data set that is not bundled was asked for and was not found."""
 
 
 class FetchError(CrfbenchError, OSError):
     """A download failed; nothing half-written was left behind."""
+
+
+class WorkerError(CrfbenchError, RuntimeError):
+    """A worker process could not be started or ended by itself; nothing is wrong with what it was given."""

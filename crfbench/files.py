@@ -8,17 +8,14 @@ from pathlib import Path
 
 from crfbench.errors import InputError
 
-#: What NumPy and zipfile raise on bytes that are no npz file, or one that was cut or altered.
+_PACKAGE = Path(__file__).resolve().parent
+
+#: What NumPy and zipfile raise on bytes that are not an npz file, or on one that was cut or altered.
 NPZ_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def check_sums(path: Path) -> None:
-    """Raise one of `NPZ_DAMAGE` unless every checksum of an npz file is right: NumPy interprets bytes before it knows.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """Raise one of `NPZ_DAMAGE` unless every checksum of an npz file is right: NumPy interprets bytes before it knows."""
     with zipfile.ZipFile(path) as archive:
         if (broken := archive.testzip()) is not None:
             raise zipfile.BadZipFile(f"wrong checksum of {broken}")
@@ -61,3 +58,12 @@ def check_new(path: str | Path, overwrite: bool) -> Path:
 def write_new(path: str | Path, content: bytes, overwrite: bool) -> None:
     """Write a file, complete or not at all, and replace an older one only where `overwrite` says so."""
     write_atomically(check_new(path, overwrite), content)
+
+
+def bundled(name: str) -> Path:
+    """Return the path of a bundled folder or file, for example ``data/opencrf.npz`` or ``notebooks``.
+
+    They lie inside an installed package, or beside it in a checkout.
+    """
+    installed = _PACKAGE / name
+    return installed if installed.exists() else _PACKAGE.parent / name

@@ -9,8 +9,7 @@ import numpy as np
 
 from crfbench.checks import check_count
 from crfbench.errors import FormatError, InputError, MissingDataError
-from crfbench.files import NPZ_DAMAGE, check_sums, write_atomically
-from crfbench.resources import shipped
+from crfbench.files import NPZ_DAMAGE, bundled, check_sums, write_atomically
 
 #: Latents whose decoded curves are kept, and the samples kept of each: every 16th, and the last.
 PROBES = np.linspace(-2.0, 2.0, 9)
@@ -62,12 +61,14 @@ class History:
     def thin(self, count: int) -> "History":
         """Return about `count` epochs, close together at the start where most happens, and the last."""
         check_count("count", count)
+        # Even steps in the logarithm of the epoch.
         steps = np.geomspace(1, len(self), min(count, len(self))).round().astype(int) - 1
         return self.select(np.unique(np.append(steps, len(self) - 1)))
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz``, complete or not at all; latents and probes in half precision."""
         arrays: dict[str, Any] = {f"loss:{name}": values.astype(np.float32) for name, values in self.losses.items()}
+        # Half precision is finer than a pixel of the player, and halves what is bundled.
         arrays |= {"latents": self.latents.astype(np.float16), "probes": self.probes.astype(np.float16)}
         buffer = io.BytesIO()
         np.savez_compressed(buffer, constraint=np.array(self.constraint), epochs=self.epochs, **arrays)
@@ -75,15 +76,7 @@ class History:
 
     @classmethod
     def load(cls, path: str | Path) -> "History":
-        """Read what `save` wrote.
-
-        Raises
-        ------
-        MissingDataError
-            For a path that leads nowhere.
-        FormatError
-            For a file that is damaged or no history.
-        """
+        """Read what `save` wrote; no file is a `MissingDataError`, one that holds no history a `FormatError`."""
         path = Path(path)
         if not path.is_file():
             raise MissingDataError(f"there is no history {path}; use one that History.save wrote")
@@ -95,10 +88,38 @@ class History:
                 return cls(str(file["constraint"]), file["epochs"], losses, latents, probes)
         except NPZ_DAMAGE as error:
             raise FormatError(
-                f"{path.name} is no training history ({error}); use one that History.save wrote"
+                f"{path.name} is not a training history ({error}); use one that History.save wrote"
             ) from None
 
 
 def load_history(constraint: str) -> History:
-    """Load the shipped history of a constraint: one latent, inverse responses, DoRF, thinned to some 150 epochs."""
-    return History.load(shipped("data/histories") / f"{constraint}.npz")
+    """Load the bundled history of a constraint: one latent, inverse responses, DoRF, thinned to some 150 epochs.
+
+    Parameters
+    ----------
+    constraint : str
+        "baseline", "ldl", "auc", "aae" or "vae".
+    """
+    return History.load(bundled("data/histories") / f"{constraint}.npz")
+
+
+def latent_statistics(latents: np.ndarray) -> dict[str, float]:
+    """Say how near latents come to N(0, 1); of several latents, the one that is farthest from it in each figure.
+
+    Parameters
+    ----------
+    latents : ndarray, shape (n, k)
+
+    Returns
+    -------
+    dict of str to float
+        ``mean`` and ``sd`` (of the population), ``kl``: KL divergence of N(mean, sd) to N(0, 1), ``ks``:
+        Kolmogorov-Smirnov distance of the latents themselves to N(0, 1), which sees their shape too.
+    """
+    from scipy.stats import kstest
+
+    mean, sd = latents.mean(axis=0), latents.std(axis=0)
+    kl = 0.5 * (mean**2 + sd**2 - 2 * np.log(sd) - 1)
+    ks = max(float(kstest(column, "norm").statistic) for column in latents.T)
+    farthest_mean, farthest_sd = mean[np.argmax(np.abs(mean))], sd[np.argmax(np.abs(sd - 1))]
+    return {"mean": float(farthest_mean), "sd": float(farthest_sd), "kl": float(kl.max()), "ks": ks}

@@ -18,11 +18,6 @@ def mse(a: ArrayLike, b: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (...)
-
-    Raises
-    ------
-    InputError
-        For what is no number, and shapes that do not fit each other.
     """
     x, y = as_numbers("a", a), as_numbers("b", b)
     try:
@@ -44,11 +39,6 @@ def rmse(a: ArrayLike, b: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (...)
-
-    Raises
-    ------
-    InputError
-        For what is no number, and shapes that do not fit each other.
     """
     return np.sqrt(mse(a, b))
 
@@ -60,11 +50,6 @@ def summarise(values: ArrayLike) -> dict[str, float]:
     ----------
     values : array_like, shape (n,)
         One distance a curve or camera.
-
-    Raises
-    ------
-    InputError
-        For no values, or values that are not finite.
     """
     v = as_finite("values", values)
     if v.ndim != 1 or not v.size:
@@ -95,11 +80,6 @@ def total_variance(curves: ArrayLike) -> float:
     Parameters
     ----------
     curves : array_like, shape (n, m)
-
-    Raises
-    ------
-    InputError
-        For another shape, no curve, or values that are not finite.
     """
     return float(np.var(_batch(curves), axis=0).sum())
 
@@ -117,6 +97,7 @@ def out_of_range(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
 
 def off_endpoints(curves: ArrayLike, tolerance: float = 1e-6) -> np.ndarray:
     """Say of each curve (n, m) whether it misses (0, 0) or (1, 1) by more than `tolerance`; shape (n,), bool."""
+    # Looser than the other tolerances: printed curves have ends of six digits.
     batch, tolerance = _batch(curves), check_number("tolerance", tolerance, 0.0)
     return np.asarray(np.abs(batch[:, [0, -1]] - (0.0, 1.0)).max(axis=-1) > tolerance)
 

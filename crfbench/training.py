@@ -1,15 +1,19 @@
-"""Training an SLR: one loop for every constraint, plain or monotone, in PyTorch.
+"""Training an SLR: one loop for every constraint, plain or monotone, in PyTorch; and the trainings that are bundled.
 
 Three things make it fast and change nothing of the network that comes out: the encoder sees centred and scaled
 curves (folded into its first layer afterwards), the output starts at the mean curve, and the step size goes through
 one cosine cycle (Smith and Topin 2017, arXiv:1708.07120).
 """
 
+import hashlib
 import math
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -21,14 +25,24 @@ from tqdm.auto import tqdm
 
 from crfbench.checks import check_choice, check_count, check_number, check_seed
 from crfbench.constraints import CONSTRAINTS, Constraint
-from crfbench.curves import N_SAMPLES, Direction, as_valid_curves
+from crfbench.curves import N_SAMPLES, Array, Direction, as_valid_curves
+from crfbench.datasets import Responses, load_responses
 from crfbench.errors import InputError
-from crfbench.history import PROBE_SAMPLES, PROBES, History
+from crfbench.history import PROBE_SAMPLES, PROBES, History, latent_statistics
+from crfbench.metrics import mse, nonmonotone
+from crfbench.models import ModelKey
 from crfbench.models.slr import LEAST_STEP, SLR
+
+#: Steps of the shortest cycle of the step size; PyTorch divides by zero where its first tenth is one step.
+LEAST_CYCLE = 12
+_SEED_OF_VALIDITY = 1
+
+#: Sees the number of the epoch and the trainer; returns True to stop.
+OnEpoch = Callable[[int, "Trainer"], bool | None]
 
 
 @dataclass(frozen=True)
-class Recipe:
+class TrainingConfig:
     """Everything that decides the weights, besides the curves.
 
     Parameters
@@ -79,17 +93,9 @@ class Recipe:
 
 
 class Autoencoder(nn.Module):
-    """The network in PyTorch, with the names and shapes of `crfbench.models.slr.SLR`'s weights.
+    """The network in PyTorch, with the names and shapes of an SLR's weights.
 
-    Parameters
-    ----------
-    model : SLR
-        Whose widths it has; its weights are not taken.
-    codes_per_latent : int
-    dropout : float
-        Share of hidden neurons left out at random.
-    generator : torch.Generator, optional
-        Of the neurons left out.
+    It takes the widths of `model`, not its weights; `generator` draws the neurons that dropout leaves out.
     """
 
     def __init__(
@@ -136,34 +142,27 @@ def to_torch(model: SLR) -> Autoencoder:
     return network.eval()
 
 
-#: Steps of the shortest cycle of the step size; PyTorch divides by zero where its first tenth is one step.
-LEAST_CYCLE = 12
-
-#: Sees the number of the epoch and the history so far; returns True to stop.
-OnEpoch = Callable[[int, "Trainer"], bool | None]
-
-
 def train(
     curves: ArrayLike,
-    direction: Direction,
-    recipe: Recipe | None = None,
-    card: dict[str, Any] | None = None,
+    direction: Direction = "inverse",
+    config: TrainingConfig | None = None,
+    metadata: dict[str, Any] | None = None,
     on_epoch: OnEpoch | None = None,
     progress: bool = False,
 ) -> tuple[SLR, History]:
     """Train an SLR on curves of one direction.
 
     The weights returned are those with the lowest loss; so they are after a stop by `on_epoch` or Ctrl-C too.
-    Same curves, recipe and machine: same weights.
+    Same curves, config and machine: same weights.
 
     Parameters
     ----------
     curves : array_like, shape (n, 1024), n > 1
-    direction : {"forward", "inverse"}
+    direction : {"inverse", "forward"}
         Of the curves.
-    recipe : Recipe, optional
-    card : dict, optional
-        What to write on the model's card beside the recipe, such as the name and hash of the data.
+    config : TrainingConfig, optional
+    metadata : dict, optional
+        What to keep with the model beside the config, such as the name and hash of the data.
     on_epoch : callable, optional
         Called after each epoch with its number and the trainer; training stops when it returns True.
     progress : bool
@@ -173,18 +172,13 @@ def train(
     -------
     model : SLR
     history : History
-
-    Raises
-    ------
-    InputError
-        For curves that are no responses, fewer than two, or a recipe that cannot be.
     """
     batch = as_valid_curves(curves)
     if len(batch) < 2:
         raise InputError(f"{len(batch)} curve cannot train an SLR; use two or more")
-    trainer = Trainer(batch, direction, recipe or Recipe())
-    bar = tqdm(range(trainer.recipe.epochs), desc=trainer.recipe.constraint, unit="epoch", disable=not progress)
-    with _one_thread():
+    trainer = Trainer(batch, direction, config or TrainingConfig())
+    bar = tqdm(range(trainer.config.epochs), desc=trainer.config.constraint, unit="epoch", disable=not progress)
+    with one_thread():
         try:
             for epoch in bar:
                 trainer.epoch()
@@ -193,11 +187,11 @@ def train(
         except KeyboardInterrupt:
             if not trainer.losses:
                 raise
-    return trainer.model({**asdict(trainer.recipe), **(card or {})}), trainer.history()
+    return trainer.model(metadata), trainer.history()
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Compute in one thread: as fast for matrices this small, and the same sums in the same order on every run."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -214,27 +208,28 @@ class Trainer:
     ----------
     curves : ndarray, shape (n, 1024)
         Valid curves.
-    direction : {"forward", "inverse"}
-    recipe : Recipe
+    direction : {"inverse", "forward"}
+    config : TrainingConfig
     """
 
-    def __init__(self, curves: np.ndarray, direction: Direction, recipe: Recipe) -> None:
-        self.recipe, self.curves = recipe, torch.tensor(curves, dtype=torch.float32)
+    def __init__(self, curves: np.ndarray, direction: Direction, config: TrainingConfig) -> None:
+        self.config, self.curves = config, torch.tensor(curves, dtype=torch.float32)
         self.losses: list[dict[str, float]] = []
         self._latents: list[Tensor] = []
         self._probes: list[Tensor] = []
         self._best, self._best_epoch = math.inf, 0
+        # PyTorch draws first weights from its global generator; fork_rng gives the caller's state back.
         with torch.random.fork_rng():
-            torch.manual_seed(recipe.seed)
-            self.generator = torch.Generator().manual_seed(recipe.seed)
-            self.constraint: Constraint = CONSTRAINTS[recipe.constraint](self.curves, recipe.n_latent, self.generator)
-            self.slr = SLR(recipe.hidden, recipe.n_latent, direction, recipe.monotone, recipe.seed)
-            self.network = Autoencoder(self.slr, self.constraint.codes_per_latent, recipe.dropout, self.generator)
+            torch.manual_seed(config.seed)
+            self.generator = torch.Generator().manual_seed(config.seed)
+            self.constraint: Constraint = CONSTRAINTS[config.constraint](self.curves, config.n_latent, self.generator)
+            self.slr = SLR(config.hidden, config.n_latent, direction, config.monotone, config.seed)
+            self.network = Autoencoder(self.slr, self.constraint.codes_per_latent, config.dropout, self.generator)
             self._start_near_the_data()
-        steps = recipe.epochs * len(self._batches(shuffle=False))
-        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)
+        steps = config.epochs * len(self._batches(shuffle=False))
+        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, fused=True)
         self.schedule = torch.optim.lr_scheduler.OneCycleLR(
-            self.optimiser, recipe.learning_rate, total_steps=max(steps + 1, LEAST_CYCLE), pct_start=0.1
+            self.optimiser, config.learning_rate, total_steps=max(steps + 1, LEAST_CYCLE), pct_start=0.1
         )
 
     def epoch(self) -> None:
@@ -243,8 +238,8 @@ class Trainer:
         terms = [self._step(rows) for rows in self._batches(shuffle=True)]
         self.network.eval()
         with torch.no_grad():
-            self._latents.append(self.network.encode(self._scaled(self.curves))[:, : self.recipe.n_latent])
-            self._probes.append(self.network.decode(_probe_latents(self.recipe.n_latent))[:, PROBE_SAMPLES])
+            self._latents.append(self.network.encode(self._scaled(self.curves))[:, : self.config.n_latent])
+            self._probes.append(self.network.decode(_probe_latents(self.config.n_latent))[:, PROBE_SAMPLES])
         self.losses.append({name: float(np.mean([term[name] for term in terms])) for name in terms[0]})
         if self.losses[-1]["total"] < self._best:
             self._best, self._best_epoch = self.losses[-1]["total"], len(self.losses)
@@ -252,35 +247,36 @@ class Trainer:
             self._best_latents = self._latents[-1]
 
     def out_of_patience(self) -> bool:
-        """Say whether the loss has not improved for the recipe's patience."""
+        """Say whether the loss has not improved for the config's patience."""
         waited = len(self.losses) - self._best_epoch
-        return self.recipe.patience is not None and waited >= self.recipe.patience
+        return self.config.patience is not None and waited >= self.config.patience
 
-    def model(self, card: dict[str, Any] | None = None) -> SLR:
-        """Return the best model so far."""
+    def model(self, metadata: dict[str, Any] | None = None) -> SLR:
+        """Return the best model so far, with `metadata` beside the config's."""
         state = {name: w.numpy().copy() for name, w in self._best_state.items()}
-        last = f"encoder.{len(self.recipe.hidden)}"
-        for part in ("weight", "bias"):  # of a VAE's encoder, the half that gives the means
-            state[f"{last}.{part}"] = state[f"{last}.{part}"][: self.recipe.n_latent]
+        last = f"encoder.{len(self.config.hidden)}"
+        for part in ("weight", "bias"):  # of a VAE's encoder, only the half that gives the means is kept
+            state[f"{last}.{part}"] = state[f"{last}.{part}"][: self.config.n_latent]
+        # Fold centring and scaling of the curves into the first layer.
         weight = state["encoder.0.weight"] / float(self._scale)
         state["encoder.0.bias"] -= weight @ self._mean.numpy()
         state |= {"encoder.0.weight": weight, "latents": self._best_latents.numpy().copy()}
         kind = {"direction": self.slr.direction, "trained_epochs": len(self.losses)}
-        return SLR.from_weights(state, {**asdict(self.recipe), **(card or {}), **kind})
+        return SLR.from_weights(state, {**asdict(self.config), **(metadata or {}), **kind})
 
     def history(self) -> History:
         """Return what was kept of the epochs so far."""
         losses = {name: np.array([term[name] for term in self.losses]) for name in self.losses[0]}
         latents, probes = torch.stack(self._latents).numpy(), torch.stack(self._probes).numpy()
-        return History(self.recipe.constraint, np.arange(len(self.losses)), losses, latents, probes)
+        return History(self.config.constraint, np.arange(len(self.losses)), losses, latents, probes)
 
     def _step(self, rows: Tensor) -> dict[str, float]:
-        x, recipe = self.curves[rows], self.recipe
+        x, config = self.curves[rows], self.config
         codes = self.network.encode(self._scaled(x))
         y = self.network.decode(self.constraint.latents(codes))
         fit, rough = functional.mse_loss(y, x), roughness(y)
         penalty = self.constraint.penalty(codes, x)
-        total = fit + self.constraint.weights[recipe.n_latent > 1] * penalty + recipe.smoothness * rough
+        total = fit + self.constraint.weights[config.n_latent > 1] * penalty + config.smoothness * rough
         self.optimiser.zero_grad()
         torch.autograd.backward(total)
         self.optimiser.step()
@@ -291,9 +287,9 @@ class Trainer:
 
     def _batches(self, shuffle: bool) -> list[Tensor]:
         """Rows of each batch; a last batch of one curve joins the one before, for it has no distribution."""
-        n, size = len(self.curves), self.recipe.batch_size or len(self.curves)
+        n, size = len(self.curves), self.config.batch_size or len(self.curves)
         if size >= n:
-            return [torch.arange(n)]
+            return [torch.arange(n)]  # in order, so that no random number is spent
         order = torch.randperm(n, generator=self.generator) if shuffle else torch.arange(n)
         return list(order.tensor_split(max(n // size, 1)))
 
@@ -306,9 +302,9 @@ class Trainer:
         self._mean = self.curves.mean(dim=0)
         self._scale = (self.curves - self._mean).std()
         steps = self._mean.diff().clamp_min(1e-5) * (N_SAMPLES - 1)
-        start = torch.log(torch.expm1(steps)) if self.recipe.monotone else torch.logit(self._mean, 1e-3)
+        start = torch.log(torch.expm1(steps)) if self.config.monotone else torch.logit(self._mean, 1e-3)
         _linear(self.network.decoder, -1).bias.copy_(start)
-        if self.recipe.n_latent == 1:
+        if self.config.n_latent == 1:
             first = _linear(self.network.decoder, 0)
             sign = torch.where(torch.rand_like(first.bias) < 0.5, -1.0, 1.0)
             first.weight[:, 0] = sign * (0.5 + torch.rand_like(first.bias))
@@ -326,10 +322,81 @@ def _probe_latents(n_latent: int) -> Tensor:
     return latents
 
 
-#: What `crfbench train --all` trains, by the name of the weights file without its direction.
-RECIPES: dict[str, Recipe] = {
-    **{f"{name}-1": Recipe(constraint=name) for name in CONSTRAINTS},
-    **{f"{n}-3": Recipe(constraint=n, n_latent=3, learning_rate=5e-3, epochs=1500) for n in CONSTRAINTS if n != "auc"},
+#: What is bundled was trained with these, by the name of the inverse model; the forward ones are trained alike.
+CONFIGS: dict[str, TrainingConfig] = {
+    **{f"SLR-{name}-1": TrainingConfig(constraint=name) for name in CONSTRAINTS},
+    **{
+        f"SLR-{name}-3": TrainingConfig(constraint=name, n_latent=3, learning_rate=5e-3, epochs=1500)
+        for name in CONSTRAINTS
+        if name != "auc"  # whose label is one number
+    },
 }
-RECIPES |= {f"monotone-{k}": replace(RECIPES[f"ldl-{k}"], monotone=True) for k in (1, 3)}
-RECIPES |= {"open-1": RECIPES["monotone-1"]}
+CONFIGS |= {f"SLR-monotone-{k}": replace(CONFIGS[f"SLR-ldl-{k}"], monotone=True) for k in (1, 3)}
+CONFIGS |= {"SLR-open-1": CONFIGS["SLR-monotone-1"]}
+
+
+def pretrained_keys() -> list[str]:
+    """Return the names of all models that `train_pretrained` trains, such as "SLR-ldl-1-forward"."""
+    return [name + side for name in CONFIGS for side in ("-forward", "")]
+
+
+def train_pretrained(names: Iterable[str], folder: Path, progress: bool = True) -> Iterator[Path]:
+    """Train models by name and write their weights, and the histories of the one-latent inverse ones, under `folder`.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of `pretrained_keys`. "open" models learn from OpenCRF alone, all others from DoRF, which must be there.
+    folder : Path
+        Gets ``weights/NAME.safetensors`` and ``histories/CONSTRAINT.npz``; each path is yielded once it is written.
+    progress : bool
+    """
+    keys = [ModelKey.parse(name) for name in names]
+    for key in keys:
+        if str(key) not in pretrained_keys():
+            raise InputError(
+                f"{str(key)!r} is not a bundled network; use --all or some of: {', '.join(pretrained_keys())}"
+            )
+    # Data that are missing are told before the first training, not after it.
+    data = {which: load_responses(which) for which in sorted({_dataset(key) for key in keys})}
+    for key in keys:
+        model, history = _train_one(key, data[_dataset(key)], progress)
+        model.save(path := folder / "weights" / f"{key}.safetensors")
+        yield path
+        if key in (ModelKey("SLR", constraint, 1) for constraint in CONSTRAINTS):
+            history.thin(150).save(path := folder / "histories" / f"{key.constraint}.npz")
+            yield path
+
+
+def _dataset(key: ModelKey) -> str:
+    return "opencrf" if key.constraint == "open" else "dorf"
+
+
+def _train_one(key: ModelKey, responses: Responses, progress: bool) -> tuple[SLR, History]:
+    curves, config = responses.in_direction(key.direction), CONFIGS[str(replace(key, direction="inverse"))]
+    digest = hashlib.sha256(np.ascontiguousarray(responses.curves, dtype="<f4").tobytes()).hexdigest()
+    metadata = {
+        "data": responses.dataset,
+        "n_curves": len(responses),
+        "sha256 of the curves (float32)": digest,
+        "crfbench": version("crfbench"),
+        "licence": "MIT",
+    }
+    start = time.perf_counter()
+    model, history = train(curves, key.direction, config, metadata, progress=progress)
+    seconds = time.perf_counter() - start
+    model.metadata_["figures"] = {**_figures(model, curves), "training_seconds": round(seconds, 1)}
+    return model, history
+
+
+def _figures(model: SLR, curves: Array) -> dict[str, float]:
+    best = mse(model.decode(model.fit(curves)), curves)
+    encoder = mse(model.decode(model.encode(curves)), curves)
+    drawn = model.decode(np.random.default_rng(_SEED_OF_VALIDITY).normal(size=(10_000, model.n_params)))
+    return {
+        "best_mse": float(best.mean()),
+        "best_rmse": float(np.sqrt(best).mean()),
+        "encoder_mse": float(encoder.mean()),
+        "nonmonotone_of_10000": int(nonmonotone(drawn).sum()),
+        **latent_statistics(model.weights_["latents"].astype(float)),
+    }

@@ -3,7 +3,7 @@
     pip install colour-science==0.4.7
     pip install --no-deps spectral-film-lut==0.18.13
     python scripts/build_opencrf.py            # write the file
-    python scripts/build_opencrf.py --check    # compare a rebuild with the shipped file
+    python scripts/build_opencrf.py --check    # compare a rebuild with the bundled file
 
 The film data need none of spectral-film-lut's own dependencies (a GUI toolkit among them), hence --no-deps.
 """
@@ -240,13 +240,13 @@ def write(arrays: Mapping[str, np.ndarray], path: Path) -> None:
     os.replace(part, path)
 
 
-def differences(built: Mapping[str, np.ndarray], shipped: Mapping[str, np.ndarray]) -> list[str]:
+def differences(built: Mapping[str, np.ndarray], bundled: Mapping[str, np.ndarray]) -> list[str]:
     """Say in words where two files' arrays differ; nothing if they agree bit for bit."""
-    found = [f"{key}: only in one of the two" for key in sorted(set(built) ^ set(shipped))]
-    for key in sorted(set(built) & set(shipped)):
-        a, b = built[key], shipped[key]
+    found = [f"{key}: only in one of the two" for key in sorted(set(built) ^ set(bundled))]
+    for key in sorted(set(built) & set(bundled)):
+        a, b = built[key], bundled[key]
         if a.shape != b.shape or a.dtype != b.dtype:
-            found.append(f"{key}: rebuilt {a.shape} {a.dtype}, shipped {b.shape} {b.dtype}")
+            found.append(f"{key}: rebuilt {a.shape} {a.dtype}, bundled {b.shape} {b.dtype}")
         elif rows := [row for row in range(len(a)) if a[row].tobytes() != b[row].tobytes()]:
             found.append(f"{key}: {len(rows)} of {len(a)} rows differ, the first is row {rows[0]}")
     return found
@@ -277,8 +277,8 @@ def check(arrays: Mapping[str, np.ndarray], path: Path) -> int:
     if not path.exists():
         print(f"{path.name} is not there to compare with; build it first, without --check", file=sys.stderr)
         return 1
-    with np.load(path, allow_pickle=False) as shipped:
-        found = differences(arrays, dict(shipped))
+    with np.load(path, allow_pickle=False) as bundled:
+        found = differences(arrays, dict(bundled))
     for line in found:
         print(f"{path.name} is not what this script builds: {line}", file=sys.stderr)
     return 1 if found else 0

@@ -123,6 +123,6 @@ def test_as_valid_curves_names_the_curve_that_falls_or_misses_its_ends():
 
 def test_direction_must_be_known():
     assert c.check_direction("inverse") == "inverse"
-    with pytest.raises(InputError, match=r"'backward'.*'forward' or 'inverse'"):
+    with pytest.raises(InputError, match=r"'backward'.*use one of forward, inverse"):
         c.check_direction("backward")
     assert c.axis_labels("inverse") == c.axis_labels("forward")[::-1]

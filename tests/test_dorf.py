@@ -16,7 +16,7 @@ from crfbench.datasets import dorf, load_responses
 from crfbench.datasets.folds import near_copies
 from crfbench.datasets.registry import DataSet, RemoteFile
 from crfbench.errors import FormatError, InputError, MissingDataError
-from crfbench.resources import shipped
+from crfbench.files import bundled
 
 # 1 is the copy of 0 under another name, 2 is the blue of the film of 1.
 NAMES = ("filmRed", "sameFilmRed", "sameFilmBlue", "Red", "camera")
@@ -73,9 +73,8 @@ def mat(folder, monkeypatch):
 
 @pytest.mark.parametrize("form", [{}, {"end": "\r\n"}, {"end": "\r"}, {"end": "\n \n\n"}, {"gap": " \t  "}])
 def test_round_trip(form):
-    names, labels, x, y = dorf.parse_dorf_text(text_of(**form))
+    names, x, y = dorf.parse_dorf_text(text_of(**form))
     assert names == NAMES
-    assert labels == ("graph lin-lin",) * 5
     np.testing.assert_array_equal(x, np.tile(GRID, (5, 1)))
     np.testing.assert_array_equal(y, CURVES)
 
@@ -90,10 +89,10 @@ def test_round_trip_of_any_records(seed, names):
     x = np.cumsum(rng.uniform(0.1, 1.0, (len(names), 1024)), axis=1)
     y = np.cumsum(rng.uniform(0.0, 1.0, (len(names), 1024)) ** 4, axis=1)
     text = "".join(record(name, x=a, y=b) for name, a, b in zip(names, x, y, strict=True))
-    parsed = dorf.parse_dorf_text(text)
-    assert parsed.names == tuple(names)
-    np.testing.assert_array_equal(parsed.irradiance, x)
-    np.testing.assert_array_equal(parsed.brightness, y)
+    parsed, irradiance, brightness = dorf.parse_dorf_text(text)
+    assert parsed == tuple(names)
+    np.testing.assert_array_equal(irradiance, x)
+    np.testing.assert_array_equal(brightness, y)
 
 
 FALLING = np.where(np.arange(1024) == 500, 0.0, GRID)
@@ -109,7 +108,7 @@ FALLING = np.where(np.arange(1024) == 500, 0.0, GRID)
         (record().replace("B =", "B"), "has 'B' where 'B =' belongs"),
         (record(x=GRID[:-1]), r"I of record 1 \('film'\) has 1023 values; it needs 1024"),
         (record() + record("b", y=[*GRID, 2.0]), r"B of record 2 \('b'\) has 1025 values"),
-        (record().replace("1.0\n", "one\n"), "no number: .*'one'"),
+        (record().replace("1.0\n", "one\n"), "not a number: .*'one'"),
         (record(y=np.where(GRID == 1, np.nan, GRID)), "NaN or infinite"),
         (record().replace("1.0\n", "1e999\n"), "NaN or infinite"),
         (record(x=FALLING), r"I of record 1 \('film'\) does not rise"),
@@ -130,12 +129,12 @@ PIECES = st.sampled_from([record(), "I =\n", "B =\n", "film\n", "\r", "1e400 ", 
 @given(st.one_of(st.text(), st.lists(PIECES, max_size=8).map("".join)))
 def test_any_text_parses_or_is_refused(text):
     try:
-        parsed = dorf.parse_dorf_text(text)
+        names, irradiance, brightness = dorf.parse_dorf_text(text)
     except FormatError:
         return
-    assert parsed.irradiance.shape == parsed.brightness.shape == (len(parsed.names), 1024)
-    assert (np.diff(parsed.irradiance) > 0).all()
-    assert (np.diff(parsed.brightness) >= 0).all()
+    assert irradiance.shape == brightness.shape == (len(names), 1024)
+    assert (np.diff(irradiance) > 0).all()
+    assert (np.diff(brightness) >= 0).all()
 
 
 @settings(max_examples=60)
@@ -276,8 +275,8 @@ def test_any_damage_to_the_zip_is_refused_or_harmless(tmp_path_factory, data):
 # --- the real set
 
 
-def test_shipped_fingerprint_holds_no_curve():
-    content = json.loads(shipped("data/registry/dorf_fingerprint.json").read_text())
+def test_bundled_fingerprint_holds_no_curve():
+    content = json.loads(bundled("data/registry/dorf_fingerprint.json").read_text())
     assert {name: len(moments) for name, moments in content.items()} == {"B": 201, "B*I": 201, "B^2": 201}
     assert all(moments == sorted(moments) for moments in content.values())
 

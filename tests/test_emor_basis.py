@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crfbench.curves import GRID
-from crfbench.datasets import load_emor_basis
-from crfbench.datasets.emor_basis import parse_emor
+from crfbench.datasets.dorf import load_emor_basis, parse_emor
 from crfbench.errors import FormatError, InputError, MissingDataError
 
 COMPONENTS = np.array([np.sin(np.pi * k * GRID) * 1e-4 for k in range(1, 26)])
@@ -53,7 +52,7 @@ def test_both_files_parse(text, end):
         (FORWARD.replace("f0", "g0"), "27 blocks"),
         (FORWARD.rsplit("   ", 1)[0], r"block h\(25\) has 1023 values; it needs 1024"),
         (FORWARD + "1.0\n", r"block h\(25\) has 1025 values"),
-        (FORWARD.replace("0.000000e+000", "zero", 1), "block E holds something that is no number: .*'zero'"),
+        (FORWARD.replace("0.000000e+000", "zero", 1), "block E holds something that is not a number: .*'zero'"),
         (FORWARD.replace("1.000000e+000", "1.000000e+999", 1), "block E holds NaN or infinite"),
     ],
 )

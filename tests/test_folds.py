@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from crfbench.curves import GRID
 from crfbench.datasets.folds import group_labels, grouped_folds, near_copies
-from crfbench.datasets.opencrf import load_opencrf
+from crfbench.datasets.responses import load_opencrf
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 
@@ -46,7 +46,7 @@ def test_largest_group_goes_first_then_first_appearance_to_the_emptiest_fold():
 
 @pytest.mark.parametrize("n_folds", [-1, 0, 1, 4])
 def test_folds_that_do_not_fit_are_refused(n_folds):
-    with pytest.raises(InputError, match=r"does not fit 3 groups|use a whole number from 2"):
+    with pytest.raises(InputError, match=r"is out of range for 3 groups|use a whole number from 2"):
         grouped_folds([0, 1, 2, 2], n_folds)
 
 

@@ -1,4 +1,4 @@
-"""The patch table: shipped, checked, and measured again from images."""
+"""The patch table: bundled, checked, and measured again from images."""
 
 import json
 
@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from build_patches import measure_patches, parse_boxes
 
 from crfbench.datasets import load_patches, middlebury
-from crfbench.datasets.middlebury import COLUMNS, REFERENCE_IRRADIANCE, measure_patches, parse_boxes, patch_intensity
+from crfbench.datasets.middlebury import COLUMNS, REFERENCE_IRRADIANCE, patch_intensity
 from crfbench.errors import FormatError, MissingDataError
 
 BOX = {"position": {"x": 0.1, "y": 0.35}, "rect": {"x": 60, "y": 60}}
@@ -43,10 +44,10 @@ def images(tmp_path):
     return tmp_path
 
 
-# --- the shipped table
+# --- the bundled table
 
 
-def test_shipped_table():
+def test_bundled_table():
     frame = load_patches()
     assert tuple(frame.columns) == COLUMNS
     assert len(frame) == 14 * 8 * 24
@@ -91,7 +92,7 @@ def damage(frame, how):
 def test_damaged_table(monkeypatch, tmp_path, how, message):
     path = tmp_path / "patches.csv"
     damage(load_patches(), how).to_csv(path, index=False)
-    monkeypatch.setattr(middlebury, "shipped", lambda name: path)
+    monkeypatch.setattr(middlebury, "bundled", lambda name: path)
     with pytest.raises(FormatError, match=message):
         load_patches()
 
@@ -102,7 +103,7 @@ def test_damaged_table(monkeypatch, tmp_path, how, message):
 def test_unreadable_table(monkeypatch, tmp_path, content):
     path = tmp_path / "patches.csv"
     path.write_bytes(content)
-    monkeypatch.setattr(middlebury, "shipped", lambda name: path)
+    monkeypatch.setattr(middlebury, "bundled", lambda name: path)
     with pytest.raises(FormatError):
         load_patches()
 
@@ -111,7 +112,7 @@ def test_unreadable_table(monkeypatch, tmp_path, content):
 
 
 def test_measured_values_of_a_drawn_chart(images):
-    frame = load_patches(images)
+    frame = measure_patches(images)
     assert len(frame) == 2 * 8 * 24
     assert frame["camera"].unique().tolist() == ["A", "B"]
     first = frame.query("camera == 'A' and illumination == 2 and exposure == 3").set_index("patch")
@@ -153,7 +154,7 @@ def test_no_camera(tmp_path):
 
 def test_unreadable_photograph(images):
     (images / "B" / "wb1i2e4-raw.png").write_bytes(b"no image")
-    with pytest.raises(FormatError, match="no readable image"):
+    with pytest.raises(FormatError, match="not a readable image"):
         measure_patches(images)
 
 
@@ -187,5 +188,5 @@ def test_bad_tags(text):
 
 
 @pytest.mark.middlebury
-def test_measured_again_equals_shipped(middlebury_folder):
-    pd.testing.assert_frame_equal(load_patches(middlebury_folder), load_patches(), check_exact=True)
+def test_measured_again_equals_bundled(middlebury_folder):
+    pd.testing.assert_frame_equal(measure_patches(middlebury_folder), load_patches(), check_exact=True)

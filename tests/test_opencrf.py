@@ -12,11 +12,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import bisect
 
 from crfbench.curves import GRID, as_valid_curves
-from crfbench.datasets import opencrf
-from crfbench.datasets.opencrf import load_opencrf
+from crfbench.datasets.responses import load_opencrf
 from crfbench.errors import FormatError, InputError
+from crfbench.files import bundled
 from crfbench.metrics import rmse
-from crfbench.resources import shipped
 
 ROOT = Path(__file__).parent.parent
 
@@ -42,7 +41,7 @@ def rebuilt():
 
 @pytest.fixture(scope="module")
 def stored():
-    with np.load(shipped("data/opencrf.npz"), allow_pickle=False) as file:
+    with np.load(bundled("data/opencrf.npz"), allow_pickle=False) as file:
         return dict(file)
 
 
@@ -177,12 +176,12 @@ def test_film_agrees_with_a_recomputation_from_the_charted_points(stock, layer, 
 
 
 @needs_sources
-def test_rebuild_equals_the_shipped_file_bit_for_bit(rebuilt, stored):
+def test_rebuild_equals_the_bundled_file_bit_for_bit(rebuilt, stored):
     assert script.differences(rebuilt, stored) == []
 
 
 @needs_sources
-def test_check_accepts_the_shipped_file(capsys):
+def test_check_accepts_the_bundled_file(capsys):
     assert script.main(["--check"]) == 0
     assert capsys.readouterr().err == ""
 
@@ -223,7 +222,7 @@ def test_differences_tell_of_shape_type_and_missing_arrays():
     b = {"curves": np.zeros((2, 3), dtype=np.float32), "name": np.array(["a", "c"])}
     assert script.differences(a, b) == [
         "tier: only in one of the two",
-        "curves: rebuilt (2, 3) float64, shipped (2, 3) float32",
+        "curves: rebuilt (2, 3) float64, bundled (2, 3) float32",
         "name: 1 of 2 rows differ, the first is row 1",
     ]
 
@@ -240,7 +239,7 @@ def test_provenance_says_what_was_used_and_dropped(stored):
     assert provenance["unreliable films"] == ["Kodak 5247", "Kodak 5248", "Kodak 5250"]
     assert len(provenance["near-duplicates"]) == 10
     assert not set(provenance["near-duplicates"]) & set(load_opencrf("all").names)
-    sources = shipped("data/SOURCES.md").read_text(encoding="utf-8")
+    sources = bundled("data/SOURCES.md").read_text(encoding="utf-8")
     for name in [*provenance["unreliable films"], *provenance["near-duplicates"]]:
         assert name in sources
 
@@ -278,13 +277,13 @@ def flipped(data, position):
 )
 def test_a_damaged_file_is_named(damage, tmp_path, monkeypatch):
     path = tmp_path / "opencrf.npz"
-    path.write_bytes(damage(shipped("data/opencrf.npz").read_bytes()))
-    monkeypatch.setattr(opencrf, "shipped", lambda name: path)
+    path.write_bytes(damage(bundled("data/opencrf.npz").read_bytes()))
+    monkeypatch.setattr("crfbench.datasets.responses.bundled", lambda name: path)
     with pytest.raises(FormatError, match=r"opencrf\.npz is missing or damaged"):
         load_opencrf()
 
 
 def test_a_missing_file_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(opencrf, "shipped", lambda name: tmp_path / "opencrf.npz")
+    monkeypatch.setattr("crfbench.datasets.responses.bundled", lambda name: tmp_path / "opencrf.npz")
     with pytest.raises(FormatError, match=r"opencrf\.npz is missing"):
         load_opencrf()

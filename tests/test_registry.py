@@ -25,7 +25,7 @@ def put(folder: Path, relative_path: str) -> Path:
 
 
 def row(key):
-    return next(entry for entry in registry.status() if entry.key == key)
+    return next(entry for entry in registry.status() if entry["key"] == key)
 
 
 def test_known_sets_and_counts():
@@ -75,26 +75,26 @@ def test_cache_follows_the_platform(monkeypatch, tmp_path):
 
 
 def test_status_counts_files(folder):
-    assert row("emor").present == "absent"
-    assert row("emor").where == ""
+    assert row("emor")["present"] == "absent"
+    assert row("emor")["where"] == ""
     put(folder, "dorf/emor.txt")
-    assert row("emor").present == "partial (1 of 2)"
+    assert row("emor")["present"] == "partial (1 of 2)"
     put(folder, "dorf/invemor.txt")
-    assert row("emor")[3:] == ("complete", str(folder))
+    assert (row("emor")["present"], row("emor")["where"]) == ("complete", str(folder))
 
 
 def test_status_names_both_folders_of_a_divided_set(folder, empty_cache):
     put(folder, "dorf/emor.txt")
     cached = put(empty_cache / "data", "dorf/invemor.txt")
     try:
-        assert row("emor").where == f"{folder} and {empty_cache / 'data'}"
+        assert row("emor")["where"] == f"{folder} and {empty_cache / 'data'}"
     finally:
         cached.unlink()
 
 
-def test_status_of_the_shipped_set():
-    assert row("opencrf").present == "shipped"
-    assert Path(row("opencrf").where).exists()
+def test_status_of_the_bundled_set():
+    assert row("opencrf")["present"] == "bundled"
+    assert Path(row("opencrf")["where"]).exists()
 
 
 def test_require_says_what_to_do(folder):

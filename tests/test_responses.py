@@ -61,7 +61,7 @@ def test_in_direction():
 
 
 def test_unknown_direction_names_the_two():
-    with pytest.raises(InputError, match="'forward' or 'inverse'"):
+    with pytest.raises(InputError, match="use one of forward, inverse"):
         make().in_direction("backward")
 
 
@@ -79,6 +79,6 @@ def test_select_by_mask():
 
 
 @pytest.mark.parametrize("which", [[3], [True, False], [0.5], "power 1.0", []])
-def test_select_refuses_what_does_not_fit(which):
+def test_select_refuses_what_is_not_there(which):
     with pytest.raises(InputError):
         make().select(which)

@@ -16,20 +16,20 @@ from crfbench.datasets import load_opencrf
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.history import PROBES, History, load_history
 from crfbench.metrics import mse, nonmonotone, off_endpoints
-from crfbench.models import SLR, EMoR
-from crfbench.training import RECIPES, Recipe, Trainer, roughness, to_torch, train
+from crfbench.models import EMoR, ModelKey, load_model
+from crfbench.training import CONFIGS, Trainer, TrainingConfig, roughness, to_torch, train
 
 GAMMAS = GRID ** np.exp(np.linspace(-1, 1, 40))[:, None]
-QUICK = Recipe(hidden=(12, 6), epochs=40)
+QUICK = TrainingConfig(hidden=(12, 6), epochs=40)
 
 
 def quick(**changes):
-    return Recipe(**{"hidden": (12, 6), "epochs": 40, **changes})
+    return TrainingConfig(**{"hidden": (12, 6), "epochs": 40, **changes})
 
 
 @pytest.mark.parametrize("monotone", [False, True])
 def test_one_latent_learns_a_family_of_one_parameter(monotone):
-    model, history = train(GAMMAS, "forward", Recipe(hidden=(30, 20), epochs=300, monotone=monotone))
+    model, history = train(GAMMAS, "forward", TrainingConfig(hidden=(30, 20), epochs=300, monotone=monotone))
     linear = EMoR.from_curves(GAMMAS, 1, "forward")
     assert (
         mse(model.decode(model.fit(GAMMAS)), GAMMAS).mean()
@@ -46,18 +46,18 @@ def test_one_latent_learns_a_family_of_one_parameter(monotone):
 class TestEveryConstraint:
     def test_trains_and_repeats_itself(self, constraint, n_latent):
         if constraint == "auc" and n_latent == 3:
-            with pytest.raises(InputError, match="n_latent=3 does not fit the constraint 'auc'"):
+            with pytest.raises(InputError, match="n_latent=3 is out of range for 'auc'"):
                 train(GAMMAS, "forward", quick(constraint=constraint, n_latent=3))
             return
-        recipe = quick(constraint=constraint, n_latent=n_latent, dropout=0.05)
-        model, history = train(GAMMAS, "inverse", recipe)
-        again, _ = train(GAMMAS, "inverse", recipe)
+        config = quick(constraint=constraint, n_latent=n_latent, dropout=0.05)
+        model, history = train(GAMMAS, "inverse", config)
+        again, _ = train(GAMMAS, "inverse", config)
         assert all(np.array_equal(model.weights_[name], again.weights_[name]) for name in model.weights_)
         assert history.latents.shape == (40, 40, n_latent)
         assert history.losses["mse"][-1] < history.losses["mse"][0]
         assert {"total", "mse", "constraint", "smoothness", "learning rate"} <= set(history.losses)
         assert ("discriminator" in history.losses) == (constraint == "aae")
-        assert model.card_["constraint"] == constraint
+        assert model.metadata_["constraint"] == constraint
         assert model.direction == "inverse"
         other, _ = train(GAMMAS, "inverse", quick(constraint=constraint, n_latent=n_latent, seed=1))
         assert not np.array_equal(model.weights_["latents"], other.weights_["latents"])
@@ -77,10 +77,10 @@ def test_numpy_inference_equals_pytorch(monotone, hidden, n_latent):
     assert np.abs(slope - model.jacobian(z)[:, 300]).max() < 1e-5
 
 
-def test_shipped_inference_equals_pytorch():
+def test_bundled_inference_equals_pytorch():
     curves = load_opencrf().in_direction("inverse")
-    for name in ("ldl", "monotone"):
-        model = SLR.load(name, 1, "inverse")
+    for name in ("SLR-ldl-1", "SLR-monotone-1"):
+        model = load_model(name)
         latents = model.encode(curves)
         decoded = to_torch(model).decode(torch.as_tensor(latents, dtype=torch.float32)).detach().numpy()
         assert np.abs(decoded - model.decode(latents.astype(np.float32))).max() < 1e-6
@@ -156,7 +156,7 @@ def test_a_stop_keeps_the_best_so_far():
 
     model, history = train(GAMMAS, "forward", quick(), on_epoch=stop_at_20)
     assert len(history) == 20
-    assert model.card_["trained_epochs"] == 20
+    assert model.metadata_["trained_epochs"] == 20
     best = int(np.argmin(seen))
     assert np.allclose(model.weights_["latents"], history.latents[best], atol=1e-6)
 
@@ -184,9 +184,9 @@ def test_training_leaves_the_callers_random_numbers_and_threads_alone():
     "changes",
     [{"constraint": "nonsense"}, {"epochs": 0}, {"dropout": 1.0}, {"learning_rate": 0.0}, {"batch_size": 1}],
 )
-def test_impossible_recipes_are_refused(changes):
+def test_impossible_configs_are_refused(changes):
     with pytest.raises(InputError, match=f"{next(iter(changes))}="):
-        Recipe(**changes)
+        TrainingConfig(**changes)
 
 
 def test_bad_curves_are_refused():
@@ -223,15 +223,15 @@ def test_probes_are_what_the_network_decodes():
 @pytest.mark.parametrize("content", [b"", b"PK", b"not a zip file at all"])
 def test_damaged_histories_are_refused(tmp_path, content):
     (tmp_path / "h.npz").write_bytes(content)
-    with pytest.raises(FormatError, match=r"h\.npz is no training history"):
+    with pytest.raises(FormatError, match=r"h\.npz is not a training history"):
         History.load(tmp_path / "h.npz")
     with pytest.raises(MissingDataError, match="no history"):
         load_history("nonsense")
 
 
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
-def test_shipped_histories_end_at_the_shipped_weights(constraint):
-    history, model = load_history(constraint), SLR.load(constraint, 1, "inverse")
+def test_bundled_histories_end_at_the_bundled_weights(constraint):
+    history, model = load_history(constraint), load_model(ModelKey("SLR", constraint, 1))
     assert history.constraint == constraint
     assert 100 <= len(history) <= 151
     assert np.abs(history.latents[-1] - model.weights_["latents"]).max() < 0.05 * model.weights_["latents"].std() + 0.01
@@ -242,15 +242,16 @@ def test_histories_with_unequal_columns_are_refused():
         History("ldl", np.arange(3), {}, np.zeros((2, 4, 1)), np.zeros((3, 9, 65)))
 
 
+@pytest.mark.slow
 @pytest.mark.dorf
-def test_training_again_gives_the_shipped_figures(dorf_curves):
+def test_training_again_gives_the_bundled_figures(dorf_curves):
     """Bit by bit on the machine that trained them; elsewhere sums round otherwise and the training goes its own way."""
-    shipped = SLR.load("ldl", 1, "inverse")
+    bundled = load_model("SLR-ldl-1")
     curves = dorf_curves.in_direction("inverse")
-    model, history = train(curves, "inverse", RECIPES["ldl-1"])
-    card = json.loads(json.dumps(model.card_))
-    assert card == {key: shipped.card_[key] for key in card}
+    model, history = train(curves, "inverse", CONFIGS["SLR-ldl-1"])
+    metadata = json.loads(json.dumps(model.metadata_))
+    assert metadata == {key: bundled.metadata_[key] for key in metadata}
     best = mse(model.decode(model.fit(curves)), curves).mean()
-    assert best == pytest.approx(shipped.card_["figures"]["best_mse"], rel=0.3)
+    assert best == pytest.approx(bundled.metadata_["figures"]["best_mse"], rel=0.3)
     assert best <= 5.57e-4
     assert abs(history.latents[-1].std() - 1) < 0.05

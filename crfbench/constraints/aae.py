@@ -12,21 +12,13 @@ from crfbench.constraints.base import Constraint
 
 
 class AAE(Constraint):
-    """One step of the discriminator goes with each step of the autoencoder.
-
-    Parameters
-    ----------
-    curves : Tensor, shape (n, 1024)
-        All training curves.
-    n_latent : int
-    generator : torch.Generator
-    """
+    """One step of the discriminator goes with each step of the autoencoder."""
 
     weights = (3e-3, 1e-4)
 
-    def __init__(self, curves: Tensor, n_latent: int, generator: torch.Generator) -> None:
-        super().__init__(curves, n_latent, generator)
-        layers = [nn.Linear(n_latent, 100), nn.ReLU(), nn.Linear(100, 100), nn.ReLU(), nn.Linear(100, 1)]
+    def prepare(self, curves: Tensor) -> None:
+        """Set up the discriminator and its own optimiser."""
+        layers = [nn.Linear(self.n_latent, 100), nn.ReLU(), nn.Linear(100, 100), nn.ReLU(), nn.Linear(100, 1)]
         self.discriminator = nn.Sequential(*layers)
         self.optimiser = torch.optim.Adam(self.discriminator.parameters(), lr=1e-3, betas=(0.5, 0.999))
         self.loss = float("nan")
@@ -34,6 +26,7 @@ class AAE(Constraint):
     def penalty(self, codes: Tensor, curves: Tensor) -> Tensor:
         """Train the discriminator by one step, then return the encoder's loss, -log D(z)."""
         drawn = torch.randn(codes.shape, generator=self.generator)
+        # softplus(-s) is -log D, softplus(s) is -log(1 - D) of the score s; detached codes leave the encoder as it is.
         loss = functional.softplus(-self.discriminator(drawn)) + functional.softplus(self.discriminator(codes.detach()))
         self.optimiser.zero_grad()
         torch.autograd.backward(loss.mean())

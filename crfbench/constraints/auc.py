@@ -13,27 +13,14 @@ from crfbench.errors import InputError
 
 
 class AUC(Constraint):
-    """Mean squared distance of the latent to the scaled label; for one latent only.
-
-    Parameters
-    ----------
-    curves : Tensor, shape (n, 1024)
-        All training curves.
-    n_latent : int
-    generator : torch.Generator
-
-    Raises
-    ------
-    InputError
-        For more than one latent.
-    """
+    """Mean squared distance of the latent to the scaled label; for one latent only."""
 
     weights = (1e-2, 1e-2)
 
-    def __init__(self, curves: Tensor, n_latent: int, generator: torch.Generator) -> None:
-        super().__init__(curves, n_latent, generator)
-        if n_latent != 1:
-            raise InputError(f"n_latent={n_latent} does not fit the constraint 'auc', whose label is one number; use 1")
+    def prepare(self, curves: Tensor) -> None:
+        """Learn the scale of the labels."""
+        if self.n_latent != 1:
+            raise InputError(f"n_latent={self.n_latent} is out of range for 'auc', whose label is one number; use 1")
         areas = area(curves)
         self.mean, self.sd = areas.mean(), areas.std(unbiased=False)
 

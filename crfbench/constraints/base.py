@@ -1,7 +1,8 @@
 """What a constraint is: it turns the encoder's output into latents and says how far they are from where they should be.
 
-To add one, write a class with `penalty` (and `latents`, if the encoder's output is not the latent itself) in a file of
-its own, and give it a line in ``constraints/__init__.py``.
+To add one, write a class with `penalty` in a file of its own, and give it a line in ``constraints/__init__.py``. It may
+also have `prepare`, for what it learns from the training curves or trains beside the network, and `latents`, if the
+encoder's output is not the latent itself.
 """
 
 from abc import ABC, abstractmethod
@@ -31,6 +32,10 @@ class Constraint(ABC):
     def __init__(self, curves: Tensor, n_latent: int, generator: torch.Generator) -> None:
         self.n_latent = n_latent
         self.generator = generator
+        self.prepare(curves)
+
+    def prepare(self, curves: Tensor) -> None:  # noqa: B027  most constraints need nothing
+        """Set up what the penalty needs; `curves` (n, 1024) are all training curves."""
 
     def latents(self, codes: Tensor) -> Tensor:
         """Turn the encoder's output, (n, codes_per_latent x k), into the latents (n, k) to decode."""

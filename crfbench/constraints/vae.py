@@ -17,6 +17,7 @@ class VAE(Constraint):
 
     def latents(self, codes: Tensor) -> Tensor:
         """Draw the latents: mean + standard deviation x noise."""
+        # Mean plus scaled noise, rather than a draw from the distribution, lets gradients reach both.
         mean, log_variance = codes.chunk(2, dim=1)
         return mean + torch.exp(0.5 * log_variance) * torch.randn(mean.shape, generator=self.generator)
 

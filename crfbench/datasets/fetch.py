@@ -1,4 +1,4 @@
-"""Download the data sets that are not shipped, on request only.
+"""Download the data sets that are not bundled, on request only.
 
 Every file is written aside, checked, and only then renamed: by its SHA-256 or, for the official DoRF zip, of which
 no checksum is published, by the curves inside. A file that is there and right is not fetched again, so a download
@@ -7,7 +7,7 @@ nothing reads.
 """
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import pooch
 import requests
 from tqdm import tqdm
 
+from crfbench.checks import check_choice
 from crfbench.datasets.dorf import read_official
 from crfbench.datasets.registry import DataSet, RemoteFile, folders, known
 from crfbench.errors import CrfbenchError, FetchError, InputError
@@ -22,8 +23,6 @@ from crfbench.errors import CrfbenchError, FetchError, InputError
 # Seconds to wait for the connection, and for the next bytes.
 TIMEOUT = (30.0, 30.0)
 
-# What stands in for a checksum, by path.
-_CHECKS: dict[str, Callable[[Path], object]] = {"dorf/dorfCurves.zip": read_official}
 # With more files than this one bar counts files; else each file has a bar that counts bytes.
 _FEW = 5
 
@@ -34,7 +33,7 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
     Parameters
     ----------
     key : str
-        "dorf", "emor", "middlebury" or "all"; "opencrf" is shipped and gives an empty list.
+        "dorf", "emor", "middlebury" or "all"; "opencrf" is bundled and gives an empty list.
     folder : path, optional
         Data folder to fill; else ``$CRFBENCH_DATA`` if set, else the user cache. Another folder is found again
         only once ``CRFBENCH_DATA`` names it.
@@ -46,18 +45,16 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
 
     Raises
     ------
-    InputError
-        For an unknown key, or a mirror that is no web address.
     FetchError
         If a file cannot be had; files that arrived before it stay. With "all", the other sets are still fetched.
     """
-    sets = _chosen(key)
+    check_choice("key", key, ("all", *known()))
     if mirror is not None and not mirror.startswith(("http://", "https://")):
-        raise InputError(f"mirror={mirror!r} is no web address; use one that starts with http:// or https://")
+        raise InputError(f"mirror={mirror!r} is not a web address; use one that starts with http:// or https://")
     target = Path(folder) if folder is not None else folders()[0]
     paths, failures = [], []
     with _quiet_pooch():
-        for entry in sets:
+        for entry in known().values() if key == "all" else (known()[key],):
             try:
                 paths += _fetch_set(entry, Path(target).expanduser(), mirror, progress)
             except FetchError as error:
@@ -65,14 +62,6 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
     if failures:
         raise FetchError("; ".join(failures))
     return paths
-
-
-def _chosen(key: str) -> list[DataSet]:
-    if key == "all":
-        return list(known().values())
-    if not isinstance(key, str) or key not in known():
-        raise InputError(f"key={key!r} is no known data set; use 'all' or one of {', '.join(known())}")
-    return [known()[key]]
 
 
 @contextmanager
@@ -97,8 +86,8 @@ def _fetch_file(file: RemoteFile, key: str, target: Path, mirror: str | None, pr
     path = target / file.path
     url = f"{mirror.rstrip('/')}/{file.path}" if mirror else file.url
     try:
-        if file.sha256 is None and path.exists() and not _passes(path, file):
-            path.unlink()
+        if file.sha256 is None and path.exists() and not _is_dorf(path):
+            path.unlink()  # pooch takes a file without a checksum as it is
         return Path(_retrieve(file, url, path, progress))
     except (CrfbenchError, OSError, ValueError) as error:
         advice = f"try 'crfbench fetch {key}' again later or with --mirror"
@@ -112,16 +101,16 @@ def _retrieve(file: RemoteFile, url: str, path: Path, progress: bool) -> str:
     def download_and_check(url: str, output: str, pooch_: object) -> None:
         download(url, output, pooch_)
         if file.sha256 is None:
-            _CHECKS[file.path](Path(output))
+            read_official(Path(output))  # the one such file is the official DoRF zip
 
     checksum = f"sha256:{file.sha256}" if file.sha256 else None
     fetched: str = pooch.retrieve(url, checksum, path.name, path.parent, downloader=download_and_check)
     return fetched
 
 
-def _passes(path: Path, file: RemoteFile) -> bool:
+def _is_dorf(path: Path) -> bool:
     try:
-        _CHECKS[file.path](path)
+        read_official(path)
     except CrfbenchError:
         return False
     return True

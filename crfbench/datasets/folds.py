@@ -4,9 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial.distance import pdist, squareform
 
 from crfbench.checks import as_finite, check_count, check_number
 from crfbench.curves import N_SAMPLES, as_curves
@@ -29,9 +26,19 @@ def near_copies(curves: ArrayLike, tolerance: float = 0.01) -> Labels:
     ndarray of int, shape (n,)
         Group of each curve, numbered by first appearance.
     """
+    from scipy.spatial.distance import pdist, squareform
+
     check_number("tolerance", tolerance, 0.0)
-    rmse = squareform(pdist(as_curves(curves))) / np.sqrt(N_SAMPLES)
-    return connected_components(csr_array(rmse < tolerance), directed=False)[1].astype(np.intp)
+    # An RMSE is a Euclidean distance divided by the root of the number of samples.
+    return chained(squareform(pdist(as_curves(curves))) / np.sqrt(N_SAMPLES) < tolerance)
+
+
+def chained(related: np.ndarray) -> Labels:
+    """Group what is related, directly or through others: from bool (n, n) to numbers (n,) by first appearance."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    return connected_components(csr_array(related), directed=False)[1].astype(np.intp)
 
 
 def group_labels(units: Sequence[str]) -> Labels:
@@ -51,16 +58,12 @@ def grouped_folds(labels: ArrayLike, n_folds: int = 5) -> Labels:
     labels : array_like of int, shape (n,)
         Group of each curve, from `near_copies` or `group_labels`.
     n_folds : int
+        At least 2, at most as many as there are groups.
 
     Returns
     -------
     ndarray of int, shape (n,)
         Fold of each curve, 0 to ``n_folds - 1``.
-
-    Raises
-    ------
-    InputError
-        For fewer than two folds, or fewer groups than folds.
     """
     row = as_finite("labels", labels)
     if row.ndim != 1:
@@ -68,7 +71,8 @@ def grouped_folds(labels: ArrayLike, n_folds: int = 5) -> Labels:
     groups, first, group, sizes = np.unique(row, return_index=True, return_inverse=True, return_counts=True)
     check_count("n_folds", n_folds, least=2)
     if n_folds > len(groups):
-        raise InputError(f"n_folds={n_folds} does not fit {len(groups)} groups; use 2 or more, at most one a group")
+        raise InputError(f"n_folds={n_folds} is out of range for {len(groups)} groups; use at most one a group")
+    # Largest first is the usual rule of thumb for even loads: the small groups that come last fill the gaps.
     load, fold = np.zeros(n_folds, dtype=np.intp), np.zeros(len(groups), dtype=np.intp)
     for member in np.lexsort((first, -sizes)):
         fold[member] = np.argmin(load)

@@ -1,6 +1,6 @@
 """Every data set that crfbench knows: what it is, its licence, its files, and where they lie on this computer.
 
-Only "opencrf" is shipped. The others are downloaded on request (`crfbench.datasets.fetch`) from pinned addresses
+Only "opencrf" is bundled. The others are downloaded on request (`crfbench.datasets.fetch`) from pinned addresses
 into ``$CRFBENCH_DATA`` or the user cache; the two are searched in this order and share one layout of folders.
 """
 
@@ -8,12 +8,11 @@ import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 from platformdirs import user_cache_dir
 
 from crfbench.errors import MissingDataError
-from crfbench.resources import shipped
+from crfbench.files import bundled
 
 _RAW = "https://raw.githubusercontent.com"
 _SINGLE_HDR = f"{_RAW}/alex04072000/SingleHDR/ce89648bc95ba1615b5eb9d8a1c4456a7872a92c/training_code"
@@ -43,7 +42,7 @@ class RemoteFile:
 
 @dataclass(frozen=True)
 class DataSet:
-    """A data set: its key, one line on what it is, its licence, and its files (none if it is shipped).
+    """A data set: its key, one line on what it is, its licence, and its files (none if it is bundled).
 
     Parameters
     ----------
@@ -59,26 +58,7 @@ class DataSet:
     files: tuple[RemoteFile, ...] = ()
 
 
-class Status(NamedTuple):
-    """One row of `status`; `present` is "shipped", "complete", "partial (n of m)" or "absent".
-
-    Parameters
-    ----------
-    key : str
-    what : str
-    licence : str
-    present : str
-    where : str
-    """
-
-    key: str
-    what: str
-    licence: str
-    present: str
-    where: str
-
-
-_UNSTATED = "none stated; for your own use, not shipped"
+_UNSTATED = "none stated; for your own use, not bundled"
 
 _OPENCRF = DataSet("opencrf", "OpenCRF: responses of films and published camera standards", "MIT and BSD-3-Clause")
 
@@ -127,8 +107,8 @@ def known() -> dict[str, DataSet]:
 
 
 def _middlebury() -> DataSet:
-    """Read the shipped list of checksums: ``path sha256`` a line, as pooch writes it."""
-    lines = shipped("data/registry/middlebury.txt").read_text(encoding="utf-8").splitlines()
+    """Read the bundled list of checksums: ``path sha256`` a line, as pooch writes it."""
+    lines = bundled("data/registry/middlebury.txt").read_text(encoding="utf-8").splitlines()
     pairs = (line.split() for line in lines)
     return DataSet(
         "middlebury",
@@ -140,6 +120,7 @@ def _middlebury() -> DataSet:
 
 def folders() -> list[Path]:
     """Return the data folders in the order of search: ``$CRFBENCH_DATA`` if set, then the user cache."""
+    # Asked anew each time, for a notebook may set the variable after crfbench was imported.
     chosen = os.environ.get("CRFBENCH_DATA")
     cached = Path(user_cache_dir("crfbench")) / "data"
     return [Path(chosen).expanduser(), cached] if chosen else [cached]
@@ -156,13 +137,7 @@ def _home(relative_path: str) -> Path | None:
 
 
 def require(relative_path: str, key: str) -> Path:
-    """Return where a file or folder of the data set `key` lies.
-
-    Raises
-    ------
-    MissingDataError
-        If it is in no data folder.
-    """
+    """Return where a file or folder of the data set `key` lies, or raise `MissingDataError`."""
     path = find(relative_path)
     if path is None:
         searched = " and ".join(str(folder) for folder in folders())
@@ -173,15 +148,27 @@ def require(relative_path: str, key: str) -> Path:
     return path
 
 
-def status() -> list[Status]:
-    """Say of every known data set whether it is here, by the names of its files; the contents are not read."""
-    return [Status(entry.key, entry.what, entry.licence, *_presence(entry)) for entry in known().values()]
+def status() -> list[dict[str, str]]:
+    """Say of every known data set whether it is here, by the names of its files; the contents are not read.
+
+    Returns
+    -------
+    list of dict
+        With "key", "what", "licence", "present" ("bundled", "complete", "partial (n of m)" or "absent") and "where".
+    """
+    rows = []
+    for entry in known().values():
+        present, where = _presence(entry)
+        rows.append(
+            {"key": entry.key, "what": entry.what, "licence": entry.licence, "present": present, "where": where}
+        )
+    return rows
 
 
 def _presence(entry: DataSet) -> tuple[str, str]:
     if not entry.files:
-        path = shipped(f"data/{entry.key}.npz")
-        return ("shipped", str(path)) if path.exists() else ("absent", "")
+        return "bundled", str(bundled(f"data/{entry.key}.npz"))
+    # A set may be divided: some of its files in the user's folder, the rest in the cache.
     homes = [str(home) for file in entry.files if (home := _home(file.path))]
     where = " and ".join(dict.fromkeys(homes))
     if len(homes) == len(entry.files):

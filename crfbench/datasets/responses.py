@@ -1,4 +1,4 @@
-"""A set of response curves with what is known of each: the one thing that every loader of curves returns."""
+"""Sets of response curves with what is known of each, and OpenCRF, the set that may be shared."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -6,8 +6,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
+from crfbench.checks import check_choice
 from crfbench.curves import Array, as_valid_curves, check_direction, invert
-from crfbench.errors import InputError
+from crfbench.errors import FormatError, InputError
+from crfbench.files import NPZ_DAMAGE, bundled, check_sums
+
+TIERS = ("core", "hdr", "all")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -32,14 +36,8 @@ class Responses:
     licences : tuple of str, length n
         SPDX identifier of the licence of each curve, or "unknown".
 
-    Raises
-    ------
-    InputError
-        For a curve that is no response, or columns of unequal length.
-
     Examples
     --------
-    >>> from crfbench.datasets.opencrf import load_opencrf
     >>> load_opencrf()
     151 responses from opencrf, 73 units
     """
@@ -53,13 +51,15 @@ class Responses:
     licences: tuple[str, ...]
 
     def __post_init__(self) -> None:
+        # A copy that nobody can change: a split or a prior computed once stays right.
         curves = np.array(as_valid_curves(self.curves))
         curves.flags.writeable = False
         object.__setattr__(self, "curves", curves)
         for column in fields(self)[2:]:
             given = getattr(self, column.name)
+            # Text would pass as one label a letter.
             if isinstance(given, str) or not isinstance(given, Iterable):
-                raise InputError(f"{column.name}={given!r} is no row of names; use one a curve")
+                raise InputError(f"{column.name}={given!r} is not a row of names; use one a curve")
             labels = tuple(given)
             if len(labels) != len(curves):
                 raise InputError(f"{column.name} has {len(labels)} entries for {len(curves)} curves; use one a curve")
@@ -73,12 +73,7 @@ class Responses:
         return f"{len(self)} responses from {self.dataset}, {len(set(self.units))} units"
 
     def in_direction(self, direction: str) -> Array:
-        """Return the curves as responses ("forward") or as inverse responses ("inverse").
-
-        Returns
-        -------
-        ndarray, shape (n, 1024)
-        """
+        """Return the curves as responses ("forward") or as inverse responses ("inverse"), shape (n, 1024)."""
         return self.curves if check_direction(direction) == "forward" else invert(self.curves)
 
     def select(self, which: ArrayLike) -> "Responses":
@@ -88,16 +83,45 @@ class Responses:
         ----------
         which : array_like of bool, shape (n,), or of int, shape (m,)
             A mask over the curves, or positions in the order wanted.
-
-        Raises
-        ------
-        InputError
-            For positions that are not there, or a mask of another length.
         """
         try:
             rows = np.atleast_1d(np.arange(len(self))[np.asarray(which)]).tolist()
         except (IndexError, ValueError):
             n = len(self)
-            raise InputError(f"which={which!r} does not fit; use a mask of {n} or whole numbers below {n}") from None
+            message = f"which={which!r} is not a valid selection; use a mask of {n} or whole numbers below {n}"
+            raise InputError(message) from None
         columns = {column.name: tuple(getattr(self, column.name)[row] for row in rows) for column in fields(self)[2:]}
         return Responses(self.dataset, self.curves[rows], **columns)
+
+
+def load_opencrf(tier: str = "core") -> Responses:
+    """Load OpenCRF: curves of 49 film stocks and 40 transfer functions of cameras; no measured digital camera.
+
+    `data/SOURCES.md` tells where the numbers come from, `scripts/build_opencrf.py` how they were made.
+
+    Parameters
+    ----------
+    tier : {"core", "hdr", "all"}
+        "core": films, and transfer functions no steeper than measured responses are. "hdr": logarithmic
+        curves that spend more than 40 % of the brightness on the darkest 1 % of the irradiance.
+
+    Returns
+    -------
+    Responses
+        151, 16 or 167 curves.
+
+    Raises
+    ------
+    FormatError
+        If the bundled file is missing or damaged.
+    """
+    check_choice("tier", tier, TIERS)
+    path = bundled("data/opencrf.npz")
+    try:
+        check_sums(path)  # NumPy would read altered numbers without a word
+        with np.load(path, allow_pickle=False) as file:
+            columns = (tuple(file[key].tolist()) for key in ("name", "unit", "family", "source", "licence"))
+            responses, tiers = Responses("opencrf", file["curves"], *columns), file["tier"]
+    except NPZ_DAMAGE as error:
+        raise FormatError(f"{path} is missing or damaged ({error}); install crfbench again to restore it") from error
+    return responses if tier == "all" else responses.select(tiers == tier)

@@ -1,8 +1,8 @@
 """What every response model can do.
 
-A model turns parameters ``(n, k)`` into curves ``(n, 1024)`` of one direction. To add one, write a class with
-`from_curves`, `decode`, `jacobian` and `fit` in a file of its own and give it a line in the table ``MODELS`` of
-``models/table.py``, with the numbers of parameters to tabulate it with:
+A model turns parameters ``(n, k)`` into curves ``(n, 1024)`` of one direction. To add one, write a `ClosedForm` with
+`decode`, `jacobian` and `fit` in a file of its own and give it a line in ``MODELS`` of ``models/registry.py``, with the
+numbers of parameters to tabulate it with:
 
 >>> import numpy as np
 >>> from crfbench.models import Gamma
@@ -16,10 +16,10 @@ A model turns parameters ``(n, k)`` into curves ``(n, 1024)`` of one direction. 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from crfbench.checks import as_finite, check_count, check_seed
 from crfbench.curves import Array, Direction, as_curves, check_direction, repair
@@ -32,7 +32,7 @@ Evaluation = Callable[[Array], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Prior:
-    """A normal distribution over the free parameters of a model.
+    """A normal distribution over the unconstrained parameters of a model.
 
     Parameters
     ----------
@@ -44,22 +44,14 @@ class Prior:
     covariance: Array
 
     @classmethod
-    def from_samples(cls, free: Array) -> Self:
-        """Take mean and covariance from free parameters of shape (n, k), n > 1.
-
-        Raises
-        ------
-        InputError
-            For fewer than two rows.
-        """
-        if np.ndim(free) != 2 or len(free) < 2:
-            raise InputError(
-                f"free parameters of shape {np.shape(free)} give no prior; use (n, k) of two or more curves"
-            )
-        return cls(free.mean(axis=0), np.atleast_2d(np.cov(free, rowvar=False)))
+    def from_samples(cls, samples: Array) -> Self:
+        """Take mean and covariance from unconstrained parameters of shape (n, k), n > 1."""
+        if np.ndim(samples) != 2 or len(samples) < 2:
+            raise InputError(f"samples of shape {np.shape(samples)} give no prior; use (n, k) of two or more curves")
+        return cls(samples.mean(axis=0), np.atleast_2d(np.cov(samples, rowvar=False)))
 
     def sample(self, n: int, seed: int) -> Array:
-        """Draw free parameters, shape (n, k)."""
+        """Draw unconstrained parameters, shape (n, k)."""
         return np.random.default_rng(check_seed(seed)).multivariate_normal(
             self.mean, self.covariance, size=check_count("n", n, least=0)
         )
@@ -71,44 +63,30 @@ class ResponseModel(ABC):
     Parameters
     ----------
     n_params : int
-    direction : {"forward", "inverse"}
-        Whether a curve is a response (irradiance to brightness) or an inverse response.
+    direction : {"inverse", "forward"}
+        Whether a curve is an inverse response or a response (irradiance to brightness).
 
     Attributes
     ----------
+    param_names : tuple of str, length n_params
     prior_ : Prior or None
-        Learned by `learn_prior`.
+        Learned by `learn_prior`; models from `crfbench.load_model` have one.
     """
 
     name: ClassVar[str]
-    #: Whether `from_curves` learns the shape of the family from its curves.
-    learns: ClassVar[bool] = False
 
-    def __init__(self, n_params: int, direction: Direction) -> None:
+    def __init__(self, n_params: int, direction: Direction = "inverse") -> None:
         self.n_params = check_count("n_params", n_params)
         self.direction = check_direction(direction)
+        self.param_names: tuple[str, ...] = tuple(f"parameter {i + 1}" for i in range(self.n_params))
         self.prior_: Prior | None = None
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(n_params={self.n_params}, direction={self.direction!r})"
 
-    @property
-    def param_names(self) -> tuple[str, ...]:
-        """The names of the parameters, in order."""
-        return tuple(f"parameter {i + 1}" for i in range(self.n_params))
-
-    @classmethod
     @abstractmethod
-    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Build the model, learning from training curves (n, 1024) of that direction whatever it learns."""
-
-    @abstractmethod
-    def decode(self, params: ArrayLike) -> Array:
-        """Turn parameters (..., k) into curves (..., 1024)."""
-
-    def decode_float32(self, params: ArrayLike) -> NDArray[np.float32]:
-        """Decode parameters (n, k) in single precision: for dense tables."""
-        return np.atleast_2d(self.decode(params)).astype(np.float32)
+    def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
+        """Turn parameters (..., k) into curves (..., 1024) of that precision; float32 serves dense tables."""
 
     @abstractmethod
     def jacobian(self, params: ArrayLike) -> Array:
@@ -122,21 +100,28 @@ class ResponseModel(ABC):
     def fit(self, curves: ArrayLike) -> Array:
         """Return the parameters (n, k) with the least MSE to each of the curves (n, 1024)."""
 
-    def to_free(self, params: Array) -> Array:
-        """Map parameters to unbounded ones, the space of the prior and of every search; identity here."""
+    def sample(self, n: int, seed: int) -> Array:
+        """Draw parameters of `n` plausible curves from the prior, shape (n, k)."""
+        if self.prior_ is None:
+            raise InputError(f"{self!r} has no prior to draw from; use load_model(name) or learn_prior(curves)")
+        return self.from_unconstrained(self.prior_.sample(n, seed))
+
+    # Searches and priors need parameters that may take any value; identity serves models whose parameters do.
+    def to_unconstrained(self, params: Array) -> Array:
+        """Map parameters to unconstrained ones, the space of the prior and of every search; identity here."""
         return params
 
-    def from_free(self, free: Array) -> Array:
-        """Undo `to_free`."""
-        return free
+    def from_unconstrained(self, unconstrained: Array) -> Array:
+        """Undo `to_unconstrained`."""
+        return unconstrained
 
-    def free_slope(self, params: Array) -> Array:
-        """Return the derivative of each parameter by its free one, shape (..., k)."""
+    def unconstrained_slope(self, params: Array) -> Array:
+        """Return the derivative of each parameter by its unconstrained one, shape (..., k)."""
         return np.ones_like(params)
 
     def learn_prior(self, curves: ArrayLike) -> Self:
-        """Set `prior_` to the mean and covariance of the free parameters fitted to `curves` (n, 1024)."""
-        self.prior_ = Prior.from_samples(self.to_free(self.fit(curves)))
+        """Set `prior_` to the mean and covariance of the unconstrained parameters fitted to `curves` (n, 1024)."""
+        self.prior_ = Prior.from_samples(self.to_unconstrained(self.fit(curves)))
         return self
 
     def nearest_valid(self, params: ArrayLike) -> Array:
@@ -147,61 +132,50 @@ class ResponseModel(ABC):
         """Check parameters of shape (..., k)."""
         p = as_finite("params", params)
         if p.ndim < 1 or p.shape[-1] != self.n_params:
-            raise InputError(f"params of shape {p.shape} do not fit {self!r}; use (..., {self.n_params})")
+            raise InputError(f"params of shape {p.shape} have the wrong shape for {self!r}; use (..., {self.n_params})")
         return p
+
+
+class ClosedForm(ResponseModel):
+    """A model with a formula, which is built from training curves in one step; networks are trained instead."""
+
+    #: Whether `from_curves` learns the shape of the family from its curves.
+    learns: ClassVar[bool] = False
+
+    @classmethod
+    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction = "inverse") -> Self:
+        """Build the model, learning whatever it learns from curves (n, 1024) of that direction; here nothing."""
+        return cls(n_params, direction)
 
 
 def refine(
     model: ResponseModel, targets: Array, starts: Array, evaluate: Evaluation | None = None, max_steps: int = 100
 ) -> Array:
-    """Polish starts by batched least squares in free parameters and keep the best end of each curve.
+    """Polish starts by batched least squares in unconstrained parameters and keep the best end of each curve.
 
-    Parameters
-    ----------
-    model : ResponseModel
-    targets : ndarray, shape (n, p)
-        Curves, or some samples of them.
-    starts : ndarray, shape (n, s, k)
-        Parameters to start from, `s` for each curve.
-    evaluate : callable, optional
-        From parameters (m, k) to values (m, p) and their Jacobians (m, p, k); by default the whole curves.
-    max_steps : int
-
-    Returns
-    -------
-    ndarray, shape (n, k)
+    `targets` (n, p) are curves or some samples of them; `starts` (n, s, k) are parameters, `s` for each curve. `evaluate`
+    turns parameters (m, k) into values (m, p) and Jacobians (m, p, k); by default of whole curves. Returns (n, k).
     """
     n, s, k = starts.shape
     owner = np.repeat(np.arange(n), s)
     evaluate = evaluate or model.decode_with_jacobian
 
-    def objective(free: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
-        params = model.from_free(free)
+    def objective(unconstrained: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
+        params = model.from_unconstrained(unconstrained)
         values, jacobian = evaluate(params)
-        return normal_equations(values - targets[owner[rows]], jacobian * model.free_slope(params)[:, None, :])
+        # The chain rule: the search moves the unconstrained parameters.
+        return normal_equations(values - targets[owner[rows]], jacobian * model.unconstrained_slope(params)[:, None, :])
 
-    free, cost = levenberg_marquardt(objective, model.to_free(starts).reshape(n * s, k), max_steps)
+    ends, cost = levenberg_marquardt(objective, model.to_unconstrained(starts).reshape(n * s, k), max_steps)
     best = np.argmin(cost.reshape(n, s), axis=1)
-    return model.from_free(free.reshape(n, s, k)[np.arange(n), best])
+    return model.from_unconstrained(ends.reshape(n, s, k)[np.arange(n), best])
 
 
 def nearest_in_table(curves: ArrayLike, table: Array, decoded: NDArray[np.floating], n_best: int) -> Array:
-    """Return the `n_best` rows of a parameter table whose curves lie nearest to each curve.
+    """Return the `n_best` rows of a parameter table (t, k) whose curves lie nearest to each curve, (n, n_best, k).
 
-    One matrix product measures all distances: |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and |a|^2 ranks nothing. Every
-    eighth sample is enough to rank.
-
-    Parameters
-    ----------
-    curves : array_like, shape (n, 1024)
-    table : ndarray, shape (t, k)
-    decoded : ndarray, shape (t, 1024)
-        The curves of the table.
-    n_best : int
-
-    Returns
-    -------
-    ndarray, shape (n, n_best, k)
+    One matrix product measures all distances to the table's curves `decoded` (t, 1024): |a - b|^2 = |a|^2 - 2 a.b + |b|^2,
+    and |a|^2 ranks nothing. Every eighth sample is enough to rank.
     """
     thin = decoded[:, ::8]
     distance = (thin**2).sum(axis=1) - 2.0 * as_curves(curves)[:, ::8] @ thin.T

@@ -3,50 +3,42 @@
 The paper's eq. 4; Ng, Chang and Tsui 2007, doi:10.1109/CVPR.2007.383005.
 """
 
-from typing import Self
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from crfbench.curves import GRID, Array, Direction, as_scaled_curves
-from crfbench.models.base import ResponseModel
+from crfbench.models.base import ClosedForm
 from crfbench.numerics import Objective, levenberg_marquardt
 
-_LOG_GRID = np.log(np.maximum(GRID, 1e-300))
+_LOG_GRID = np.log(np.maximum(GRID, 1e-300))  # finite at 0, where every curve is 0 anyway
 
 
-class GGCM(ResponseModel):
+class GGCM(ClosedForm):
     """An exponent that varies along the curve; passes (0, 0) and (1, 1), need not be monotone.
 
     Parameters
     ----------
     n_params : int
         Coefficients of the exponent.
-    direction : {"forward", "inverse"}
+    direction : {"inverse", "forward"}
     """
 
     name = "GGCM"
 
-    def __init__(self, n_params: int = 3, direction: Direction = "forward") -> None:
+    def __init__(self, n_params: int = 3, direction: Direction = "inverse") -> None:
         super().__init__(n_params, direction)
+        self.param_names = tuple(f"w{i}, of x^{i}" for i in range(self.n_params))
         self._powers = GRID ** np.arange(self.n_params)[:, None]
 
-    @property
-    def param_names(self) -> tuple[str, ...]:
-        """The names of the parameters, in order."""
-        return tuple(f"w{i}, of x^{i}" for i in range(self.n_params))
-
-    @classmethod
-    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Build the model; there is nothing to learn."""
-        return cls(n_params, direction)
-
-    def decode(self, params: ArrayLike) -> Array:
+    def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
         """Turn coefficients (..., d) into curves (..., 1024); f(0) = 0 for any of them."""
+        # A search may try any coefficients; within these bounds exp neither overflows nor warns.
         exponent = np.clip((self._params(params) @ self._powers) * _LOG_GRID, -700.0, 50.0)
         curves = np.exp(exponent)
         curves[..., 0] = 0.0
-        return curves
+        return curves.astype(dtype, copy=False)
 
     def jacobian(self, params: ArrayLike) -> Array:
         """d f / d w_i = f(x) x^i log x, and 0 at x = 0."""
@@ -62,6 +54,7 @@ class GGCM(ResponseModel):
 def _grow(x: Array, y: Array, d: int) -> Array:
     """Fit from the best fit of log f, and from one power less wherever that came out no better."""
     best, cost = _newton(x, y, _fit_logarithm(x, y, d))
+    # Started from d - 1 powers, no fit is worse than theirs: one more parameter never hurts.
     if d > 1:
         nested = np.pad(_grow(x, y, d - 1), ((0, 0), (0, 1)))
         (stuck,) = np.nonzero(cost >= _objective(x, y, d)(nested, np.arange(len(y)))[0])
@@ -100,7 +93,7 @@ def _objective(x: Array, y: Array, d: int) -> Objective:
 def _fit_logarithm(x: Array, y: Array, d: int) -> Array:
     """Least squares of log y = P(x) log x, weighted by y so that errors count as they do in y."""
     log_x, moments, index = _moments(x, d)
-    y = np.maximum(y, 1e-6)
+    y = np.maximum(y, 1e-6)  # has a logarithm where the curve is 0
     w = y * y * log_x
     normal = ((w * log_x) @ moments.T)[:, index]
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(d)

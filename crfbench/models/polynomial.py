@@ -3,44 +3,35 @@
 The paper's eq. 2; Mitsunaga and Nayar 1999, doi:10.1109/CVPR.1999.786966.
 """
 
-from typing import Self
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from crfbench.curves import GRID, Array, Direction, as_scaled_curves
-from crfbench.models.base import ResponseModel
+from crfbench.models.base import ClosedForm
 
 
-class Polynomial(ResponseModel):
+class Polynomial(ClosedForm):
     """Powers 1 to d of x, so f(0) = 0; nothing makes f(1) = 1 or the curve monotone.
 
     Parameters
     ----------
     n_params : int
         The degree d.
-    direction : {"forward", "inverse"}
+    direction : {"inverse", "forward"}
     """
 
     name = "Polynomial"
 
-    def __init__(self, n_params: int = 3, direction: Direction = "forward") -> None:
+    def __init__(self, n_params: int = 3, direction: Direction = "inverse") -> None:
         super().__init__(n_params, direction)
+        self.param_names = tuple(f"w{i + 1}, of x^{i + 1}" for i in range(self.n_params))
         self._powers = GRID ** np.arange(1, self.n_params + 1)[:, None]
 
-    @property
-    def param_names(self) -> tuple[str, ...]:
-        """The names of the parameters, in order."""
-        return tuple(f"w{i + 1}, of x^{i + 1}" for i in range(self.n_params))
-
-    @classmethod
-    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Build the model; there is nothing to learn."""
-        return cls(n_params, direction)
-
-    def decode(self, params: ArrayLike) -> Array:
+    def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
         """Turn coefficients (..., d) into curves (..., 1024)."""
-        return self._params(params) @ self._powers
+        return (self._params(params) @ self._powers).astype(dtype, copy=False)
 
     def jacobian(self, params: ArrayLike) -> Array:
         """d f / d w_i = x^i, for any coefficients."""
@@ -49,4 +40,5 @@ class Polynomial(ResponseModel):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Solve the linear least squares of all curves at once."""
+        # The model is linear in its coefficients, so the least MSE needs no search.
         return np.asarray(np.linalg.lstsq(self._powers.T, as_scaled_curves(curves).T, rcond=None)[0].T)

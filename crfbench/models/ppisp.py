@@ -11,64 +11,54 @@ The two pieces meet in value and slope. t = s = 1 is the gamma curve.
 from collections.abc import Callable
 from functools import cache
 from itertools import product
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from crfbench.curves import GRID, Array, Direction, as_scaled_curves
 from crfbench.errors import InputError
-from crfbench.models.base import ResponseModel, nearest_in_table, refine
+from crfbench.models.base import ClosedForm, nearest_in_table, refine
 from crfbench.models.gamma import Gamma
 
 Slopes = Callable[[], tuple[Array, ...]]
 
 _INNER = GRID[1:-1]  # both ends are fixed, and the logarithms below are finite inside
-_THIN = GRID[8:-1:16]
+_THIN = GRID[8:-1:16]  # enough to tell which start leads farthest
 _TABLE = np.array(
     list(product((0.5, 1.0, 2.0, 4.0), (0.5, 1.0, 2.0, 4.0), np.geomspace(0.15, 6.0, 14), (0.2, 0.5, 0.8)))
 )
 
 
-class PPISP(ResponseModel):
+class PPISP(ClosedForm):
     """Toe, shoulder, gamma (all above 0) and centre (inside 0..1): always monotone, from (0, 0) to (1, 1).
 
     In the inverse direction a curve is the exact inverse function of the formula above.
 
     Parameters
     ----------
-    direction : {"forward", "inverse"}
+    direction : {"inverse", "forward"}
     """
 
     name = "PPISP"
 
-    def __init__(self, direction: Direction = "forward") -> None:
+    def __init__(self, direction: Direction = "inverse") -> None:
         super().__init__(4, direction)
-
-    @property
-    def param_names(self) -> tuple[str, ...]:
-        """The names of the parameters, in order."""
-        return ("toe", "shoulder", "gamma", "centre")
+        self.param_names = ("toe", "shoulder", "gamma", "centre")
 
     @classmethod
-    def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction) -> Self:
-        """Build the model; there is nothing to learn.
-
-        Raises
-        ------
-        InputError
-            For another number of parameters than 4.
-        """
+    def from_curves(cls, curves: ArrayLike, n_params: int = 4, direction: Direction = "inverse") -> Self:
+        """Build the model; there is nothing to learn."""
         if n_params != 4:
-            raise InputError(f"n_params={n_params!r} does not fit PPISP; use 4")
+            raise InputError(f"n_params={n_params!r} is out of range for PPISP; use 4")
         return cls(direction)
 
-    def decode(self, params: ArrayLike) -> Array:
+    def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
         """Turn (..., 4), ordered toe, shoulder, gamma, centre, into curves (..., 1024)."""
         inner = self._pieces(params, _INNER)[0]
         curves = np.pad(inner, [(0, 0)] * (inner.ndim - 1) + [(1, 1)])
         curves[..., -1] = 1.0
-        return curves
+        return curves.astype(dtype, copy=False)
 
     def jacobian(self, params: ArrayLike) -> Array:
         """Differentiate the formula by toe, shoulder, gamma and centre; 0 at both ends."""
@@ -78,6 +68,7 @@ class PPISP(ResponseModel):
     def fit(self, curves: ArrayLike) -> Array:
         """Polish the best gamma curve and the six nearest of a table on every 16th sample, the best on all."""
         batch = as_scaled_curves(curves)
+        # Gamma is nested in PPISP: started there, the fit is never worse than Gamma's.
         exponent = Gamma().fit(batch)[:, 0]
         starts = np.tile([1.0, 1.0, 1.0, 0.5], (len(batch), 7, 1))
         starts[:, 0, 2] = exponent if self.direction == "forward" else 1.0 / exponent
@@ -85,18 +76,18 @@ class PPISP(ResponseModel):
         best = refine(self, batch[:, 8:-1:16], starts, lambda params: self._evaluate(params, _THIN))
         return refine(self, batch[:, 1:-1], best[:, None], lambda params: self._evaluate(params, _INNER))
 
-    def to_free(self, params: Array) -> Array:
+    def to_unconstrained(self, params: Array) -> Array:
         """Return the logarithms of toe, shoulder and gamma and the logit of the centre."""
         centre = params[..., 3:]
         return np.concatenate([np.log(params[..., :3]), np.log(centre / (1.0 - centre))], axis=-1)
 
-    def from_free(self, free: Array) -> Array:
-        """Undo `to_free`, kept within what floating point can decode."""
-        bounded = np.clip(free, -6.0, 6.0)
+    def from_unconstrained(self, unconstrained: Array) -> Array:
+        """Undo `to_unconstrained`, kept within what floating point can decode."""
+        bounded = np.clip(unconstrained, -6.0, 6.0)
         return np.concatenate([np.exp(bounded[..., :3]), 1.0 / (1.0 + np.exp(-bounded[..., 3:]))], axis=-1)
 
-    def free_slope(self, params: Array) -> Array:
-        """Return the derivative of each parameter by its free one: p, and c (1 - c) for the centre."""
+    def unconstrained_slope(self, params: Array) -> Array:
+        """Return the derivative of each parameter by its unconstrained one: p, and c (1 - c) for the centre."""
         return np.concatenate([params[..., :3], params[..., 3:] * (1.0 - params[..., 3:])], axis=-1)
 
     def _evaluate(self, params: ArrayLike, x: Array) -> tuple[Array, Array]:
