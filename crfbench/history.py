@@ -18,30 +18,16 @@ PROBE_SAMPLES = np.append(np.arange(0, 1023, 16), 1023)
 
 @dataclass
 class History:
-    """One training, a row an epoch.
-
-    Parameters
-    ----------
-    constraint : str
-    epochs : ndarray of int, shape (e,)
-        Numbers of the epochs kept, from 0.
-    losses : dict of ndarray, shape (e,)
-        Each term of the loss, unweighted, and the "learning rate".
-    latents : ndarray, shape (e, n, k)
-        The encoder's latents of all `n` training curves, in order.
-    probes : ndarray, shape (e, 9, 65)
-        The decoded curves of the latents `PROBES` (the other latents at 0) at the samples `PROBE_SAMPLES`.
-
-    Raises
-    ------
-    InputError
-        For columns of unequal length, or latents or probes of another shape.
-    """
+    """One training, a row an epoch; columns of unequal length are refused."""
 
     constraint: str
-    epochs: np.ndarray
+    epochs: np.ndarray  # shape (e,); numbers of the epochs kept, from 0
+    # shape (e,); each term of the loss, unweighted, and the "learning rate"
     losses: dict[str, np.ndarray] = field(repr=False)
+    # shape (e, n, k); the encoder's latents of all `n` training curves, in order
     latents: np.ndarray = field(repr=False)
+    # shape (e, 9, 65); the decoded curves of the latents `PROBES` (the other latents at 0) at the samples
+    # `PROBE_SAMPLES`
     probes: np.ndarray = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -104,17 +90,10 @@ def load_history(constraint: str) -> History:
 
 
 def latent_statistics(latents: np.ndarray) -> dict[str, float]:
-    """Say how near latents come to N(0, 1); of several latents, the one that is farthest from it in each figure.
+    """Say how near latents (n, k) come to N(0, 1); of several latents, the one that is farthest from it in each figure.
 
-    Parameters
-    ----------
-    latents : ndarray, shape (n, k)
-
-    Returns
-    -------
-    dict of str to float
-        ``mean`` and ``sd`` (of the population), ``kl``: KL divergence of N(mean, sd) to N(0, 1), ``ks``:
-        Kolmogorov-Smirnov distance of the latents themselves to N(0, 1), which sees their shape too.
+    ``mean`` and ``sd`` (of the population), ``kl``: KL divergence of N(mean, sd) to N(0, 1), ``ks``: Kolmogorov-Smirnov
+    distance of the latents themselves to N(0, 1), which sees their shape too.
     """
     from scipy.stats import kstest
 

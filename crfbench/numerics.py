@@ -27,26 +27,9 @@ def levenberg_marquardt(
 ) -> tuple[Array, Array]:
     """Minimise the sum of squared residuals of `n` independent problems, each with its own damping.
 
-    Every accepted step lowers the cost, so no result is worse than its start.
-
-    Parameters
-    ----------
-    objective : callable
-        See `Objective`.
-    start : ndarray, shape (n, k)
-    max_steps : int
-    tolerance : float
-        A problem is done when a step changes its cost by no more than this share, or hardly moves.
-
-    Returns
-    -------
-    params : ndarray, shape (n, k)
-    cost : ndarray, shape (n,)
-        Sums of squares.
-
-    References
-    ----------
-    Marquardt (1963), doi:10.1137/0111030, with his scaling by the diagonal.
+    Every accepted step lowers the cost, so no result is worse than its start (n, k). A problem is done when a step
+    changes its cost by no more than the share `tolerance`, or hardly moves. Returns parameters (n, k) and sums of
+    squares (n,). Marquardt 1963, doi:10.1137/0111030, with his scaling by the diagonal.
     """
     params = np.array(start, dtype=np.float64)
     cost = np.empty(len(params))

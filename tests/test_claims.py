@@ -7,6 +7,7 @@ from importlib import import_module
 import numpy as np
 import pandas as pd
 import pytest
+from record_report import latent_course, near_copy_counts, stability_by_seed, trainings_by_seed
 from scipy.stats import bootstrap
 
 from crfbench.history import History
@@ -17,15 +18,7 @@ from crfbench.paper.claims import claims_table, papers_impossible_spreads, speed
 from crfbench.paper.claims_data import emor_energy, printed_variance, smoothness_loss
 from crfbench.paper.findings import does_not_follow, holds
 from crfbench.paper.printed import CALIBRATION, FITTING, SIGNIFICANT_RMSE, STABILITY
-from crfbench.paper.results import (
-    PaperResults,
-    latent_course,
-    load_recorded,
-    load_results,
-    near_copy_counts,
-    trainings_by_seed,
-)
-from crfbench.paper.stability import stability_by_seed
+from crfbench.paper.results import PaperResults, load_recorded, load_results
 from crfbench.paper.verdicts import CHECKS, RULES, Claim, claim, scientific
 
 LDL = "SLR-ldl-1"

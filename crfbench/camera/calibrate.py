@@ -35,32 +35,15 @@ _WITH_RAW = Noise(brightness=0.01, exposure=0.02)
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """What the photographs of one camera gave.
-
-    Parameters
-    ----------
-    passport : Passport
-    calibration : Calibration
-        Of one set; `passport` holds its curve made monotone.
-    photographs : dict of str to Path
-        The JPEG of each photograph that counts.
-    problems : list of Problem
-        Files that were left out.
-    patches : DataFrame, optional
-        The patch table, where there was a chart.
-    measured : dict of str to MeasuredChart
-        Where the chart lies in each photograph.
-    merged : Merged, optional
-        The linear image that an exposure series gives.
-    """
+    """What the photographs of one camera gave."""
 
     passport: Passport
-    calibration: Calibration
-    photographs: dict[str, Path]
-    problems: list[Problem]
-    patches: "DataFrame | None" = None
-    measured: dict[str, MeasuredChart] = field(default_factory=dict)
-    merged: Merged | None = None
+    calibration: Calibration  # of one set; `passport` holds its curve made monotone
+    photographs: dict[str, Path]  # the JPEG of each photograph that counts
+    problems: list[Problem]  # files that were left out
+    patches: "DataFrame | None" = None  # the patch table, where there was a chart
+    measured: dict[str, MeasuredChart] = field(default_factory=dict)  # where the chart lies in each photograph
+    merged: Merged | None = None  # the linear image that an exposure series gives
 
 
 def calibrate(

@@ -35,21 +35,12 @@ _BLACK, _WHITE = 0.5 / 65535, 253.5 / 255
 
 
 class PatchValues(NamedTuple):
-    """What was measured in the 24 patches of one image.
+    """What was measured in the 24 patches of one image."""
 
-    Parameters
-    ----------
-    means : ndarray, shape (24, 3)
-        Trimmed means of red, green and blue over the inner box, in [0, 1].
-    clipped : ndarray, shape (24,)
-        Share of the pixels with any channel at 0 or at 254/255 and more.
-    spread : ndarray, shape (24,)
-        Half the distance between the 16th and 84th percentile of a pixel's mean over the channels: a standard
-        deviation that outliers do not move.
-    """
-
-    means: Array
-    clipped: Array
+    means: Array  # shape (24, 3); trimmed means of red, green and blue over the inner box, in [0, 1]
+    clipped: Array  # shape (24,); share of the pixels with any channel at 0 or at 254/255 and more
+    # shape (24,); half the distance between the 16th and 84th percentile of a pixel's mean over the channels: a
+    # standard deviation that outliers do not move
     spread: Array
 
 
@@ -81,19 +72,9 @@ def find_chart(image: ArrayLike) -> tuple[Array, float]:
 
 
 def orient(image: ArrayLike, corners: ArrayLike) -> tuple[Array, float]:
-    """Turn corners into chart order: of the four ways to read the chart, the one most like it.
+    """Turn corners (4, 2), clockwise from any on, into chart order: of four readings, the one most like a chart.
 
-    Parameters
-    ----------
-    image : array_like, shape (height, width, 3)
-        Values in [0, 1].
-    corners : array_like, shape (4, 2)
-        Clockwise, from any corner on.
-
-    Returns
-    -------
-    corners, confidence
-        As `find_chart`.
+    Takes an image and returns corners and confidence as `find_chart` does.
     """
     pixels, points = _check_image(image), as_corners(corners)
     readings = [np.roll(points, -turn, axis=0) for turn in range(4)]

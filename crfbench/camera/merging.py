@@ -29,18 +29,11 @@ _SUFFIXES = (".exr", ".tif", ".tiff", ".hdr")
 
 
 class Merged(NamedTuple):
-    """A linear image.
+    """A linear image."""
 
-    Parameters
-    ----------
-    radiance : ndarray of float32, shape (h, w, 3) or (h, w)
-        In units of what fills full scale at 0 stops.
-    weight : ndarray of float32, shape (h, w)
-        1 / variance of the natural logarithm of the radiance, of the channel that is known least; 0 where all
-        exposures of a channel are clipped.
-    """
-
-    radiance: NDArray[np.float32]
+    radiance: NDArray[np.float32]  # shape (h, w, 3) or (h, w); in units of what fills full scale at 0 stops
+    # shape (h, w); 1 / variance of the natural logarithm of the radiance, of the channel that is known least; 0 where
+    # all exposures of a channel are clipped
     weight: NDArray[np.float32]
 
 

@@ -31,21 +31,10 @@ _ROUNDS = 20
 
 
 class MeasuredChart(NamedTuple):
-    """One photograph of a chart: where the chart lies, how surely, and its patches in the JPEG and in the RAW file.
+    """One photograph of a chart: where the chart lies, how surely, and its patches in the JPEG and in the RAW file."""
 
-    Parameters
-    ----------
-    corners : ndarray, shape (4, 2)
-        In chart order, x and y as fractions of the image.
-    confidence : float
-        From 0 to 1.
-    jpeg : PatchValues
-    raw : PatchValues or None
-    exif : Exif
-    """
-
-    corners: Array
-    confidence: float
+    corners: Array  # shape (4, 2); in chart order, x and y as fractions of the image
+    confidence: float  # from 0 to 1
     jpeg: PatchValues
     raw: PatchValues | None
     exif: Exif

@@ -43,23 +43,12 @@ _DAMAGE: tuple[type[Exception], ...] = (
 
 @dataclass(frozen=True)
 class Exif:
-    """What a photograph says of its exposure and camera; None where it does not.
+    """What a photograph says of its exposure and camera; None where it does not."""
 
-    Parameters
-    ----------
-    exposure_time : float, optional
-        Seconds.
-    f_number : float, optional
-    iso : float, optional
-        ISO speed.
-    model : str, optional
-        Of the camera. LibRaw, which reads the RAW files, does not tell it.
-    """
-
-    exposure_time: float | None = None
+    exposure_time: float | None = None  # seconds
     f_number: float | None = None
-    iso: float | None = None
-    model: str | None = None
+    iso: float | None = None  # ISO speed
+    model: str | None = None  # of the camera; LibRaw, which reads the RAW files, does not tell it
 
 
 def read_raw(path: Path) -> NDArray[np.float32]:

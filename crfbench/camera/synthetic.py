@@ -20,20 +20,11 @@ _SHADING, _COLOUR = 1.0, 0.3  # natural logarithms: of the smooth change inside 
 
 @dataclass(frozen=True, eq=False)
 class ExposureSeries:
-    """One rendered series and the truth about it.
+    """One rendered series and the truth about it."""
 
-    Parameters
-    ----------
-    images : tuple of ndarray of uint8, each of shape (height, width, 3)
-    stops : ndarray, shape (e,)
-        Exposure of each image in stops.
-    radiance : ndarray, shape (height, width, 3)
-        In units of what fills full scale at 0 stops.
-    """
-
-    images: tuple[NDArray[np.uint8], ...]
-    stops: Array
-    radiance: Array
+    images: tuple[NDArray[np.uint8], ...]  # shape (height, width, 3)
+    stops: Array  # shape (e,); exposure of each image in stops
+    radiance: Array  # shape (height, width, 3); in units of what fills full scale at 0 stops
 
 
 def render_series(

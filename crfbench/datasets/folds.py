@@ -13,18 +13,9 @@ Labels = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 
 def near_copies(curves: ArrayLike, tolerance: float = 0.01) -> Labels:
-    """Group curves that chain within an RMSE of `tolerance` (single linkage).
+    """Group curves (n, 1024) that chain within an RMSE of `tolerance` (single linkage).
 
-    Parameters
-    ----------
-    curves : array_like, shape (n, 1024)
-    tolerance : float
-        Curves closer than this (RMSE, brightness from 0 to 1) share a group.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Group of each curve, numbered by first appearance.
+    Returns the group of each curve, numbered by first appearance, shape (n,).
     """
     from scipy.spatial.distance import pdist, squareform
 
@@ -48,22 +39,10 @@ def group_labels(units: Sequence[str]) -> Labels:
 
 
 def grouped_folds(labels: ArrayLike, n_folds: int = 5) -> Labels:
-    """Deal whole groups to folds of about equal size.
+    """Deal whole groups, labels (n,), to folds of about equal size and return the fold of each curve, shape (n,).
 
     The largest group goes first (of equals, the one that appears first), each to the fold that holds the fewest
     curves so far (of equals, the first). No chance is involved.
-
-    Parameters
-    ----------
-    labels : array_like of int, shape (n,)
-        Group of each curve, from `near_copies` or `group_labels`.
-    n_folds : int
-        At least 2, at most as many as there are groups.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Fold of each curve, 0 to ``n_folds - 1``.
     """
     row = as_finite("labels", labels)
     if row.ndim != 1:

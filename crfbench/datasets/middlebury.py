@@ -51,21 +51,14 @@ _DTYPES = dict.fromkeys(COLUMNS, "float64") | {"camera": "str"} | dict.fromkeys(
 
 
 class PatchArrays(NamedTuple):
-    """The patch table as arrays: c cameras x 2 illuminations x 4 exposures x 24 patches.
-
-    Parameters
-    ----------
-    cameras : tuple of str, length c
-    jpeg, raw : ndarray, shape (c, 2, 4, 24, 3)
-        Red, green and blue in [0, 1]; photographs of one illumination lie one stop apart.
-    clipped : ndarray of bool, shape (c, 2, 4, 24)
-        Where the JPEG patch is clipped.
-    """
+    """The patch table as arrays: c cameras x 2 illuminations x 4 exposures x 24 patches."""
 
     cameras: tuple[str, ...]
+    # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]; photographs of one illumination lie one stop apart
     jpeg: Array
+    # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]; photographs of one illumination lie one stop apart
     raw: Array
-    clipped: np.ndarray
+    clipped: np.ndarray  # shape (c, 2, 4, 24); where the JPEG patch is clipped
 
 
 def load_patches() -> "pd.DataFrame":

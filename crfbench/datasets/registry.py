@@ -21,36 +21,17 @@ _MIDDLEBURY = f"{_RAW}/zyfccc/Representing-camera-response-function/e98c6119a950
 
 @dataclass(frozen=True)
 class RemoteFile:
-    """One file to download.
+    """One file to download."""
 
-    Parameters
-    ----------
-    path : str
-        Where it lies inside the data folder, with forward slashes.
-    url : str
-    sha256 : str or None
-        None where no checksum is published; `crfbench.datasets.fetch` then checks what the file says.
-    without : str
-        What still works when this file cannot be had; empty if nothing does.
-    """
-
-    path: str
+    path: str  # where it lies inside the data folder, with forward slashes
     url: str
-    sha256: str | None
-    without: str = ""
+    sha256: str | None  # None where none is published; `fetch` then checks what the file says
+    without: str = ""  # what still works when this file cannot be had; empty if nothing does
 
 
 @dataclass(frozen=True)
 class DataSet:
-    """A data set: its key, one line on what it is, its licence, and its files (none if it is bundled).
-
-    Parameters
-    ----------
-    key : str
-    what : str
-    licence : str
-    files : tuple of RemoteFile
-    """
+    """A data set: its key, one line on what it is, its licence, and its files (none if it is bundled)."""
 
     key: str
     what: str

@@ -32,16 +32,10 @@ Evaluation = Callable[[Array], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Prior:
-    """A normal distribution over the unconstrained parameters of a model.
+    """A normal distribution over the unconstrained parameters of a model."""
 
-    Parameters
-    ----------
-    mean : ndarray, shape (k,)
-    covariance : ndarray, shape (k, k)
-    """
-
-    mean: Array
-    covariance: Array
+    mean: Array  # shape (k,)
+    covariance: Array  # shape (k, k)
 
     @classmethod
     def from_samples(cls, samples: Array) -> Self:
@@ -153,8 +147,8 @@ def refine(
 ) -> Array:
     """Polish starts by batched least squares in unconstrained parameters and keep the best end of each curve.
 
-    `targets` (n, p) are curves or some samples of them; `starts` (n, s, k) are parameters, `s` for each curve. `evaluate`
-    turns parameters (m, k) into values (m, p) and Jacobians (m, p, k); by default of whole curves. Returns (n, k).
+    `targets` (n, p) are curves or some samples of them; `starts` (n, s, k) are parameters, `s` for each curve.
+    `evaluate` turns parameters (m, k) into values (m, p) and Jacobians (m, p, k); by default of whole curves. Returns (n, k).
     """
     n, s, k = starts.shape
     owner = np.repeat(np.arange(n), s)
@@ -174,8 +168,8 @@ def refine(
 def nearest_in_table(curves: ArrayLike, table: Array, decoded: NDArray[np.floating], n_best: int) -> Array:
     """Return the `n_best` rows of a parameter table (t, k) whose curves lie nearest to each curve, (n, n_best, k).
 
-    One matrix product measures all distances to the table's curves `decoded` (t, 1024): |a - b|^2 = |a|^2 - 2 a.b + |b|^2,
-    and |a|^2 ranks nothing. Every eighth sample is enough to rank.
+    One matrix product measures all distances to the table's curves `decoded` (t, 1024): |a - b|^2 = |a|^2 - 2 a.b +
+    |b|^2, and |a|^2 ranks nothing. Every eighth sample is enough to rank.
     """
     thin = decoded[:, ::8]
     distance = (thin**2).sum(axis=1) - 2.0 * as_curves(curves)[:, ::8] @ thin.T

@@ -19,7 +19,7 @@ from crfbench.paper.verdicts import CHECKS, RULES, Claim, claim, in_words, is_le
 
 _FITS = "crfbench.paper.fitting.fitting_table"
 _CALIBRATIONS = "crfbench.paper.calibration.calibration_table"
-_STABILITIES = "crfbench.paper.stability.stability_by_seed"
+_STABILITIES = "scripts.record_report.stability_by_seed"
 _HERE = "crfbench.paper.claims"
 _SLR, _EMOR = "SLR-ldl-1-forward", "EMoR-published-1-forward"
 _LDL, _CLASSICAL = "SLR-ldl-1", ["Gamma-1", "Polynomial-3", "GGCM-3", "EMoR-3"]

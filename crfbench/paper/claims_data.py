@@ -19,7 +19,7 @@ _FITS = "crfbench.paper.fitting.fitting_table"
 _DORF = "crfbench.datasets.load_dorf"
 _PATCHES = "crfbench.datasets.load_patches"
 _SEARCH = "crfbench.search.search_architectures"
-_TRAININGS = "crfbench.paper.results.trainings_by_seed"
+_TRAININGS = "scripts.record_report.trainings_by_seed"
 _HERE = "crfbench.paper.claims_data"
 #: The ratio up to which "slightly worse" is taken to hold.
 _SLIGHTLY = 1.5
@@ -36,7 +36,7 @@ def responses(results: PaperResults) -> Claim:
 @claim(
     "4.1, figure",
     "each of these is another real-world camera",
-    how="crfbench.paper.results.near_copy_counts",
+    how="scripts.record_report.near_copy_counts",
     printed="201",
 )
 def cameras_of_dorf(results: PaperResults) -> Claim:

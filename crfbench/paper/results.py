@@ -1,22 +1,20 @@
-"""Our side of the comparison: recorded tables, each with its provenance, and what computes those of the training."""
+"""Our side of the comparison: tables that take minutes to compute, recorded with their provenance.
+
+``scripts/record_*.py`` compute and record them.
+"""
 
 import io
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from crfbench.curves import Direction
-from crfbench.datasets import load_dorf, load_patches
-from crfbench.datasets.folds import near_copies
+from crfbench.datasets import load_patches
 from crfbench.errors import FormatError, MissingDataError
 from crfbench.files import bundled, write_atomically
-from crfbench.history import History, latent_statistics
-from crfbench.metrics import rmse
+from crfbench.history import latent_statistics
 from crfbench.models import load_model
 from crfbench.models.registry import pretrained_models
 from crfbench.models.slr import SLR
@@ -58,8 +56,6 @@ LEADERBOARD = {
     "coverage": ("band coverage", "{:.0%}", "share of held-out RAW inside the 90 % band, method posterior, 24 patches"),
     "fit_ms": ("ms a fit", "{:.2g}", "milliseconds a fit of one DoRF curve took when this was recorded"),
 }
-#: Latents count as settled below this KL divergence: with s.d. 1, a mean within 0.32 of 0.
-_SETTLED_KL = 0.05
 
 
 @dataclass(frozen=True)
@@ -115,21 +111,9 @@ def record(table: pd.DataFrame, name: str, provenance: dict[str, str], folder: P
 
 
 def load_recorded(name: str, folder: Path | None = None) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Read a recorded table and its provenance.
+    """Read a recorded table and its provenance, by a name such as "fitting_dorf".
 
-    Parameters
-    ----------
-    name : str
-        Such as "fitting_dorf"; a name that is not there is answered with those that are.
-    folder : Path, optional
-        By default the bundled one.
-
-    Raises
-    ------
-    MissingDataError
-        When there is no record of that name.
-    FormatError
-        When the file is damaged.
+    A name that is not there is a `MissingDataError`, a damaged file a `FormatError`.
     """
     folder = folder or bundled("data/recorded")
     path = folder / f"{name}.json"
@@ -145,30 +129,12 @@ def load_recorded(name: str, folder: Path | None = None) -> tuple[pd.DataFrame, 
         ) from None
 
 
-def near_copy_counts(tolerance: float = 0.01) -> pd.DataFrame:
-    """Count the curves of DoRF (which must be present) that have a near-copy in the set.
-
-    Returns
-    -------
-    DataFrame
-        One row: ``curves``, ``groups`` of curves that chain within an RMSE of `tolerance`, and ``not_alone``, how many
-        curves are in a group of two or more.
-    """
-    curves = load_dorf().curves
-    sizes = np.bincount(near_copies(curves, tolerance))
-    return pd.DataFrame([{"curves": len(curves), "groups": len(sizes), "not_alone": int(sizes[sizes > 1].sum())}])
-
-
 def latent_table() -> pd.DataFrame:
-    """Describe the latents of every pretrained SLR.
+    """Describe the latents of every pretrained SLR, one row a model, with the columns of `LATENT_COLUMNS`.
 
-    Returns
-    -------
-    DataFrame
-        One row a model, with the columns of `LATENT_COLUMNS`: ``mean``, ``sd``, ``kl`` and ``ks`` of the training
-        curves' latents as in `crfbench.history.latent_statistics`, and three figures of the model's metadata: mean MSE
-        and RMSE with the best latent of each training curve, and MSE with the encoder's. ``constraint`` is the loss
-        that shaped the latents.
+    ``mean``, ``sd``, ``kl`` and ``ks`` are of the training curves' latents, as in `crfbench.history.latent_statistics`;
+    then three figures of the model's metadata: mean MSE and RMSE with the best latent of each training curve, and
+    MSE with the encoder's. ``constraint`` is the loss that shaped the latents.
     """
     rows = []
     for key in pretrained_models():
@@ -185,46 +151,6 @@ def latent_table() -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=list(LATENT_COLUMNS))
-
-
-def trainings_by_seed(
-    constraints: Sequence[str] = CONSTRAINTS, seeds: Sequence[int] = range(5), direction: Direction = "inverse"
-) -> pd.DataFrame:
-    """Train one-latent models of all curves of DoRF (which must be present) with each constraint and seed.
-
-    Returns
-    -------
-    DataFrame
-        One row a training: constraint, seed; ``mean``, ``sd``, ``kl`` and ``ks`` of its latents as in `latent_table`;
-        ``settled`` and ``swing`` as in `latent_course`; ``mean_rmse`` of the best fits to the same curves.
-    """
-    from crfbench.training import CONFIGS, train  # here, since results are shown without PyTorch too
-
-    curves, rows = load_dorf().in_direction(direction), []
-    for constraint in constraints:
-        for seed in seeds:
-            model, history = train(curves, direction, replace(CONFIGS[f"SLR-{constraint}-1"], seed=seed))
-            found = latent_statistics(model.weights_["latents"].astype(float)) | latent_course(history)
-            fitted = float(rmse(model.decode(model.fit(curves)), curves).mean())
-            rows.append({"constraint": constraint, "seed": seed, **found, "mean_rmse": fitted})
-    return pd.DataFrame(rows)
-
-
-def latent_course(history: History) -> dict[str, float]:
-    """Describe how the latents of a training settle.
-
-    Returns
-    -------
-    dict
-        ``settled``: the epoch from which the KL divergence of N(mean, sd) of the latents to N(0, 1) stays below 0.05,
-        NaN where it never does; ``swing``: the range that their sd moves in after the first third of the epochs.
-    """
-    mean, sd = history.latents[:, :, 0].mean(axis=1), history.latents[:, :, 0].std(axis=1)
-    far = np.flatnonzero(0.5 * (mean**2 + sd**2 - 2 * np.log(sd) - 1) >= _SETTLED_KL)
-    first = far[-1] + 1 if len(far) else 0
-    late = sd[history.epochs > history.epochs[-1] / 3]
-    settled = history.epochs[first] if first < len(history) else np.nan
-    return {"settled": float(settled), "swing": float(np.ptp(late))}
 
 
 def leaderboard() -> pd.DataFrame:

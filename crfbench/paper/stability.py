@@ -1,13 +1,11 @@
 """The paper's Table 2 and more: how much the inverse response moves when a camera is calibrated with fewer patches."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 
 from crfbench.calibration import METHODS, Observations, calibrate
 from crfbench.checks import check_choice, check_count, check_seed
-from crfbench.curves import Array, evaluate
+from crfbench.curves import Array
 from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import (
     N_PATCHES,
@@ -15,9 +13,8 @@ from crfbench.datasets.middlebury import (
     REFERENCE_IRRADIANCE,
     PatchArrays,
     patch_arrays,
-    patch_intensity,
 )
-from crfbench.metrics import rmse, total_variance
+from crfbench.metrics import total_variance
 from crfbench.models import load_model
 from crfbench.paper.printed import STABILITY
 from crfbench.paper.verdicts import verdict
@@ -83,26 +80,6 @@ def stability_curves(camera: str, model: str, method: str, seed: int = 0) -> Arr
     check_choice("camera", camera, chart.cameras)
     check_choice("method", method, METHODS)
     return calibrate(load_model(model), _stated(chart, [chart.cameras.index(camera)]), method, seed=seed).curves
-
-
-def stability_by_seed(seeds: Sequence[int] = (0, 1, 2)) -> pd.DataFrame:
-    """Calibrate the paper's camera with 3, 6, 12 and 24 patches by the paper's method, with several random starts.
-
-    Returns
-    -------
-    DataFrame
-        One row a seed and model of the paper's Table 2: model, seed, ``total_variance`` of the four curves, and
-        ``mean_rmse``, their mean RMSE against the RAW values of all eight photographs.
-    """
-    seen = patch_intensity(load_patches()).query("camera == @CAMERA")
-    jpeg, raw = seen["jpeg"].to_numpy(), seen["raw"].to_numpy()
-    rows = []
-    for seed in seeds:
-        for name in STABILITY:
-            curves = stability_curves(CAMERA, name, "paper", seed)
-            distance = float(rmse(evaluate(curves, jpeg[None]), raw).mean())
-            rows.append({"model": name, "seed": seed, "total_variance": total_variance(curves), "mean_rmse": distance})
-    return pd.DataFrame(rows)
 
 
 def _stated(chart: PatchArrays, cameras: list[int]) -> Observations:

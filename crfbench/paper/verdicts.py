@@ -41,24 +41,12 @@ CHECKS: list[Check] = []
 
 
 def claim(where: str, text: str, how: str, printed: str = "") -> Callable[[Check], Check]:
-    """Register the function below as the check of a claim.
+    """Register the function below as the check of a claim: the section, what it says in our words, and what is printed.
 
     The function gets our results and returns a `Claim` with what was found: ours, why, verdict and perhaps spread. The
-    rest is filled in from here. Without a verdict ours must equal the printed figure, as counts do.
+    rest is filled in from here; `how` names the function that computes our figure. Without a verdict ours must equal
+    the printed figure, as counts do.
 
-    Parameters
-    ----------
-    where : str
-        Section of the paper.
-    text : str
-        What it says, in our words.
-    how : str
-        The function that computes our figure, from ``crfbench.`` on.
-    printed : str
-        The figure that the claim gives, as printed.
-
-    Notes
-    -----
     ::
 
         @claim("4.1", "cameras taken from Middlebury", how="crfbench.load_patches", printed="14")
@@ -101,17 +89,8 @@ def scientific(value: float, digits: int = 2) -> str:
 def verdict(ours: float, printed: str | None) -> str:
     """Judge a figure by the digits the paper printed.
 
-    Parameters
-    ----------
-    ours : float
-    printed : str or None
-        The paper's figure as printed, or None where it gives none for this case.
-
-    Returns
-    -------
-    str
-        "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit;
-        "differs" when it is not; "not comparable" without a figure.
+    "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit; "differs" when it
+    is not; "not comparable" where nothing is printed.
     """
     if printed is None:
         return "not comparable"
