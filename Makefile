@@ -4,28 +4,45 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: lab test test-quick coverage tables bench notebooks site lock clean
+.PHONY: lab test test-all test-quick checks widgets coverage tables bench notebooks site lock clean
 
 lab: $(READY)
 	$(BIN)/crfbench lab notebooks
 
 # One BLAS thread: the matrices are small, and threads that wait for a busy core cost more than they bring.
-test test-quick coverage tables bench site: export OPENBLAS_NUM_THREADS = 1
+test test-all test-quick coverage tables bench site: export OPENBLAS_NUM_THREADS = 1
 # Files in the order of their names: the browser's tests, which take longest, come early.
 PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
 NBVAL := --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
-test: $(READY)
+test: checks
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow"
+	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
+
+# With the slow tests: many repeats, every page of the site, the benchmarks.
+test-all: checks
+	$(BIN)/python -m pytest $(PARALLEL)
+	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
+
+# All but the checks of the code and the tests that are slow or need a browser.
+test-quick: $(READY)
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow" --ignore tests/test_browser
+	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
+
+checks: $(READY) widgets
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest $(PARALLEL)
-	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
 
-# All but the linters and the browser's tests.
-test-quick: $(READY)
-	$(BIN)/python -m pytest $(PARALLEL) --ignore tests/test_browser
-	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
+# The widgets' JavaScript, linted, type-checked and tested. It needs no build, and Python needs none of this.
+NODE := $(shell node -e 'const [a, b] = process.versions.node.split("."); if (a > 20 || (a == 20 && b > 18)) console.log(a)' 2>/dev/null)
+widgets:
+ifeq ($(NODE),)
+	@echo "Node.js 20.19 or later is not installed: the JavaScript of the widgets is not checked"
+else
+	test package-lock.json -ot node_modules/.package-lock.json || npm ci --silent --no-audit --no-fund
+	npm test --silent
+endif
 
 # Statements and branches of the library that the tests reach, those of its subprocesses too.
 coverage: $(READY)
@@ -38,7 +55,7 @@ tables: $(READY)
 	$(BIN)/crfbench table calibration --patches 24
 
 bench: $(READY)
-	$(BIN)/crfbench bench --plots results
+	$(BIN)/python -m benchmarks --plots results
 
 # Runs every notebook from a fresh kernel and stores the outputs, without widget state or timings.
 notebooks: $(READY)
@@ -54,7 +71,7 @@ lock: $(READY)
 	$(BIN)/pip freeze --exclude-editable | sed 's/+[a-z0-9]*$$//' | grep -vE '^(nvidia-|cuda-|triton)' > requirements.lock
 
 clean:
-	rm -rf $(VENV) results site
+	rm -rf $(VENV) node_modules results site
 
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v >= (3, 11) and v < (3, 14) or sys.exit(f"crfbench needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}; choose one with: make PYTHON=python3.12 $(MAKECMDGOALS)")'

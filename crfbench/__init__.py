@@ -11,57 +11,75 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from crfbench.calibration import Calibration, Observations, calibrate
-    from crfbench.datasets import Responses, load_patches, load_responses
+    from crfbench import camera, paper, plots, widgets
+    from crfbench.calibration import Observations, calibrate
+    from crfbench.camera.passport import linearise
+    from crfbench.curves import invert
+    from crfbench.datasets import load_patches, load_responses
     from crfbench.datasets.fetch import fetch
-    from crfbench.models import GGCM, PPISP, SLR, EMoR, Gamma, Polynomial, ResponseModel, load_model
-    from crfbench.tables.fitting import fitting_table
+    from crfbench.history import load_history
+    from crfbench.metrics import rmse
+    from crfbench.models import GGCM, PPISP, SLR, EMoR, Gamma, Polynomial, load_model
+    from crfbench.search import SearchSpace, search_architectures
+    from crfbench.training import train
 
 __version__ = "0.1.0"
 
-# Names are found when first used, so that importing crfbench costs next to nothing.
+# Names are found when first used, so that importing crfbench costs next to nothing. The last four are rooms.
 _HOME = {
-    "Calibration": "calibration",
     "EMoR": "models",
     "GGCM": "models",
     "Gamma": "models",
     "Observations": "calibration",
     "PPISP": "models",
     "Polynomial": "models",
-    "ResponseModel": "models",
     "SLR": "models",
-    "Responses": "datasets",
+    "SearchSpace": "search",
     "calibrate": "calibration",
     "fetch": "datasets.fetch",
-    "fitting_table": "tables.fitting",
+    "invert": "curves",
+    "linearise": "camera.passport",
+    "load_history": "history",
     "load_model": "models",
     "load_patches": "datasets",
     "load_responses": "datasets",
+    "rmse": "metrics",
+    "search_architectures": "search",
+    "train": "training",
 }
 
 __all__ = [
     "GGCM",
     "PPISP",
     "SLR",
-    "Calibration",
     "EMoR",
     "Gamma",
     "Observations",
     "Polynomial",
-    "ResponseModel",
-    "Responses",
+    "SearchSpace",
     "calibrate",
+    "camera",
     "fetch",
-    "fitting_table",
+    "invert",
+    "linearise",
+    "load_history",
     "load_model",
     "load_patches",
     "load_responses",
+    "paper",
+    "plots",
+    "rmse",
+    "search_architectures",
+    "train",
+    "widgets",
 ]
 
 
 def __getattr__(name: str) -> object:
     if name in _HOME:
         return getattr(import_module(f"crfbench.{_HOME[name]}"), name)
+    if name in __all__:
+        return import_module(f"crfbench.{name}")
     raise AttributeError(f"module 'crfbench' has no attribute {name!r}; it has {', '.join(__all__)}")
 
 

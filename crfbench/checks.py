@@ -13,17 +13,9 @@ MOST = 1e30
 
 
 def as_numbers(name: str, values: object) -> NDArray[np.float64]:
-    """Return `values` as float64; text, complex numbers and rows of unequal length are refused, NaN is not.
+    """Return `values`, which messages call `name`, as float64; NaN may be among them.
 
-    Parameters
-    ----------
-    name : str
-        What the message calls them.
-    values : array_like
-
-    Returns
-    -------
-    ndarray, shape of `values`
+    Text, complex numbers and rows of unequal length are refused.
     """
     wrong = "rows of unequal length"
     try:

@@ -1,20 +1,21 @@
-"""The command line: ``crfbench data | fetch | table | tables | report | calibrate | linearise | train | ...``."""
+"""The command line: one command a verb, from ``data`` and ``fetch`` to ``calibrate`` and ``lab``."""
 
 import datetime
 import itertools
 import json
+import re
 import reprlib
 import shutil
 import sys
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import crfbench
-from crfbench.errors import CrfbenchError, InputError, MissingDataError
+from crfbench.errors import CrfbenchError, InputError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -22,6 +23,18 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="A workbench for camera response functions.")
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
 app.add_typer(table_app, name="table")
+
+#: Models that had another name before one spelling held everywhere; these names work for one release more.
+FORMER_NAMES = {
+    "slr": "SLR-ldl-3",
+    "slr-1": "SLR-ldl-1",
+    "monotone": "SLR-monotone-3",
+    "emor": "EMoR-3",
+    "ggcm": "GGCM-3",
+    "polynomial": "Polynomial-3",
+    "ppisp": "PPISP-4",
+}
+_FORMER_NETWORK = re.compile(r"((?:baseline|ldl|auc|aae|vae|monotone|open)-[13])(?:-inverse|(-forward))")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON rows instead of text.")]
 
@@ -40,11 +53,11 @@ def data(as_json: AsJson = False) -> None:
 
     rows = registry.status()
     if as_json:
-        typer.echo(json.dumps([row._asdict() for row in rows], indent=1))
+        typer.echo(json.dumps(rows, indent=1))
         return
     for row in rows:
-        typer.echo(f"{row.key}: {row.present}\n  {row.what}\n  licence: {row.licence}")
-        typer.echo(f"  in {row.where}" if row.where else f"  get it with: crfbench fetch {row.key}")
+        typer.echo(f"{row['key']}: {row['present']}\n  {row['what']}\n  licence: {row['licence']}")
+        typer.echo(f"  in {row['where']}" if row["where"] else f"  get it with: crfbench fetch {row['key']}")
 
 
 @app.command()
@@ -58,7 +71,7 @@ def fetch(
 
     paths = fetch_files(which, folder=folder, mirror=mirror)
     done = f"{len(paths)} files are complete and checked; see them with: crfbench data"
-    typer.echo(done if paths else f"{which} is shipped with crfbench; there is nothing to fetch")
+    typer.echo(done if paths else f"{which} is bundled with crfbench; there is nothing to fetch")
 
 
 @table_app.command()
@@ -69,7 +82,7 @@ def fitting(
 ) -> None:
     """Table 1: how well each model fits response curves, in sample and held out."""
     from crfbench.curves import check_direction
-    from crfbench.tables.fitting import DIRECTIONS, fitting_tables
+    from crfbench.paper.fitting import DIRECTIONS, fitting_tables
 
     wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
     _print_tables(fitting_tables(data, wanted), as_json)
@@ -77,14 +90,10 @@ def fitting(
 
 @table_app.command()
 def latents(as_json: AsJson = False) -> None:
-    """Latents of the shipped SLR models: how near each constraint brings them to N(0, 1)."""
-    from crfbench.tables.latents import latent_table
+    """Latents of the bundled SLR models: how near each constraint brings them to N(0, 1)."""
+    from crfbench.paper.results import latent_table
 
-    title = (
-        "latents of the training curves, shipped models; kl: divergence of their mean and sd from N(0, 1); ks: "
-        "Kolmogorov-Smirnov distance to it; best_mse and best_rmse: with the best latent of each curve; encoder_mse: "
-        "with the encoder's"
-    )
+    title = "latents of the training curves, bundled models; best_...: with the best latent of each curve"
     _print_tables({title: latent_table()}, as_json)
 
 
@@ -96,7 +105,7 @@ def calibration(
     as_json: AsJson = False,
 ) -> None:
     """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
-    from crfbench.tables.calibration import calibration_table
+    from crfbench.paper.calibration import calibration_table
 
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
     _print_tables({title: calibration_table(patches, method, channel)}, as_json)
@@ -108,7 +117,7 @@ def stability(
     as_json: AsJson = False,
 ) -> None:
     """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart."""
-    from crfbench.tables.stability import DEFINITION, stability_table
+    from crfbench.paper.stability import DEFINITION, stability_table
 
     _print_tables({DEFINITION: stability_table(camera)}, as_json)
 
@@ -118,7 +127,7 @@ def chart_free(
     method: Annotated[str, typer.Option(help="map or posterior")] = "posterior", as_json: AsJson = False
 ) -> None:
     """Calibration from exposure steps alone, beside OpenCV's Debevec and Robertson."""
-    from crfbench.tables.chart_free import chart_free_table
+    from crfbench.paper.calibration import chart_free_table
 
     title = "RMSE against RAW of the other illumination, up to scale; four exposures of 24 unknown patches"
     _print_tables({title: chart_free_table(method)}, as_json)
@@ -127,7 +136,7 @@ def chart_free(
 @app.command()
 def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("results")) -> None:
     """Rebuild every table and figure that exists, without a browser."""
-    from crfbench.results import build_results
+    from crfbench.paper.figures import build_results
 
     for path in build_results(out):
         typer.echo(path)
@@ -139,7 +148,7 @@ def report(
     figures: Annotated[Path | None, typer.Option(help="Also write its figures as PDF, into this folder.")] = None,
 ) -> None:
     """Write the reproduction report: every claim of the paper beside ours, in one page that needs no network."""
-    from crfbench.report import write_figures, write_report
+    from crfbench.paper.report import write_figures, write_report
 
     typer.echo(write_report(out))
     for path in write_figures(figures) if figures else ():
@@ -152,29 +161,25 @@ def calibrate(
     chart: Annotated[str, typer.Option(help="auto, none (an exposure series), or a file of labels")] = "auto",
     exposures: Annotated[str, typer.Option(help="exif, or exposure times such as 1,2,4,8 by name of file")] = "exif",
     model: Annotated[
-        str | None,
-        typer.Option(help="slr (default with a chart), ppisp (without), slr-1, monotone, emor, ggcm, polynomial"),
+        str | None, typer.Option(help="Such as SLR-ldl-3 (default with a chart) or PPISP-4 (default without)")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
 ) -> None:
     """Calibrate your camera: from RAW and JPEG files to a response passport."""
-    from crfbench.camera import calibrate_chart, calibrate_exposures, write_outputs
+    from crfbench import camera
 
     files = source[0] if len(source) == 1 and source[0].is_dir() else source
-    times, today = _times(exposures), datetime.date.today().isoformat()
-    if chart == "none":
-        result = calibrate_exposures(files, times, model, today)
-    else:
-        result = calibrate_chart(files, None if chart == "auto" else Path(chart), times, model, today)
+    result = camera.calibrate(
+        files, chart, _times(exposures), model and _current_name(model), datetime.date.today().isoformat()
+    )
     for problem in result.problems:
         typer.echo(f"left out: {problem.reason}", err=True)
-    for path in write_outputs(result, out, overwrite=force):
+    for path in camera.write_outputs(result, out, overwrite=force):
         typer.echo(path)
     low, high = result.passport.valid_range
-    typer.echo(
-        f"{result.passport!r}: measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
-    )
+    measured = f"measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
+    typer.echo(f"{result.passport!r}: {measured}")
     for warning in result.calibration.warnings[0]:
         typer.echo(f"warning: {warning}")
 
@@ -198,27 +203,31 @@ def _times(exposures: str) -> list[float] | None:
     try:
         return [float(part) for part in exposures.split(",")]
     except ValueError:
-        raise InputError(
-            f"exposures={reprlib.repr(exposures)} are no times; use exif, or numbers such as 1,2,4,8"
-        ) from None
+        wrong = f"exposures={reprlib.repr(exposures)} is not a list of times"
+        raise InputError(f"{wrong}; use exif, or numbers such as 1,2,4,8") from None
+
+
+def _current_name(name: str) -> str:
+    """Return the name of a model as it is spelled today, with a hint for a name as it was."""
+    network = _FORMER_NETWORK.fullmatch(name)
+    current = f"SLR-{network[1]}{network[2] or ''}" if network else FORMER_NAMES.get(name.lower(), name)
+    if current != name:
+        typer.echo(f"crfbench: {name} is called {current} now; the former name works for this release only", err=True)
+    return current
 
 
 @app.command()
 def train(
-    names: Annotated[list[str] | None, typer.Argument(help="Models, such as ldl-1-inverse.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="All models that are shipped.")] = False,
+    names: Annotated[list[str] | None, typer.Argument(help="Models, such as SLR-ldl-1.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="All models that are bundled.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for weights and histories.")] = Path("trained"),
 ) -> None:
-    """Train the SLR models that are shipped, as they were trained (DoRF is needed; PyTorch too)."""
-    try:
-        from crfbench.shipping import shipped_names, train_shipped
-    except ModuleNotFoundError as error:
-        raise MissingDataError(
-            f"{error.name} is not installed; training needs: pip install 'crfbench[train]'"
-        ) from None
+    """Train the SLR models that are bundled, as they were trained (DoRF is needed; PyTorch too)."""
+    from crfbench.training import pretrained_keys, train_pretrained
+
     if not (every or names):
-        raise InputError(f"no model is named; use --all or some of: {', '.join(shipped_names())}")
-    for path in train_shipped(shipped_names() if every else names or [], out):
+        raise InputError(f"no model is named; use --all or some of: {', '.join(pretrained_keys())}")
+    for path in train_pretrained(pretrained_keys() if every else map(_current_name, names or ()), out):
         typer.echo(path)
 
 
@@ -237,18 +246,13 @@ def search(
     """Search the paper's 156 architectures: of the M most accurate, the least complex (PyTorch is needed)."""
     from crfbench.curves import check_direction
     from crfbench.datasets import load_responses
+    from crfbench.search import search_architectures
 
-    try:
-        from crfbench.search import naive_search
-    except ModuleNotFoundError as error:
-        raise MissingDataError(
-            f"{error.name} is not installed; searching needs: pip install 'crfbench[train]'"
-        ) from None
     if journal.exists() and not resume:
         raise InputError(f"{journal} is there already; use --resume to go on with it, or another --journal")
     responses, side = load_responses(data), check_direction(direction)
     try:
-        result = naive_search(
+        result = search_architectures(
             responses, m=m, strategy=strategy, direction=side, folds=folds, seed=seed, journal=journal, progress=True
         )
     except KeyboardInterrupt:
@@ -258,24 +262,10 @@ def search(
     _print_tables({title: result.table}, as_json)
 
 
-@app.command()
-def bench(
-    only: Annotated[str | None, typer.Option(metavar="NAME", help="One subject, such as fitting or slider.")] = None,
-    plots: Annotated[Path | None, typer.Option(help="Folder for figures of how the time grows.")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Time what is claimed to be fast beside what one would take otherwise (minutes; leave the machine alone)."""
-    from crfbench.bench.collecting import collect, draw_growth, to_text
-
-    rows = []
-    for row in collect(only):
-        rows.append(row._asdict())
-        if not as_json:
-            typer.echo(to_text(row))
-    if as_json:
-        typer.echo(json.dumps(rows, indent=1))
-    for path in draw_growth(plots, only) if plots else ():
-        typer.echo(path, err=as_json)
+@app.command(hidden=True)
+def bench() -> None:
+    """Say where the benchmarks are now; for one release."""
+    raise InputError("the benchmarks are in the repository of crfbench; run them there with: make bench")
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
@@ -296,7 +286,7 @@ def lab(
 
 def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
     """Print as text every table under its title, with what is the same in all rows; as JSON the rows of the first."""
-    from crfbench.tables.recorded import to_rows
+    from crfbench.paper.results import to_rows
 
     if as_json:
         typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
@@ -311,31 +301,25 @@ def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
 
 def _as_text(frame: "DataFrame", width: int) -> str:
     """Write a table; where it is wider than the terminal as several, each with the columns that name the rows."""
-
-    def write(frame: "DataFrame", **how: Any) -> str:
-        return frame.to_string(na_rep="-", float_format=lambda value: f"{value:.3g}", **how)
-
-    whole = write(frame, index=False)
+    style: dict[str, Any] = {"na_rep": "-", "float_format": "{:.3g}".format}
+    whole = frame.to_string(index=False, **style)
     if whole.index("\n") <= width:
         return whole
     names = itertools.takewhile(lambda column: frame[column].dtype.kind != "f", frame)
-    return write(frame.set_index(list(names)), sparsify=False, line_width=width)
+    return frame.set_index(list(names)).to_string(sparsify=False, line_width=width, **style)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; a mistake in the input is one sentence and exit status 2."""
     try:
-        app()
+        app(arguments)
     except CrfbenchError as error:
-        _stop(str(error))
+        sentence = str(error)
     except OSError as error:
-        _stop(f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error))
-
-
-def _stop(sentence: str) -> NoReturn:
+        sentence = f"{error.filename} cannot be used: {error.strerror}" if error.filename else str(error)
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        sentence = "PyTorch is not installed, and this command needs it: pip install 'crfbench[train]'"
     typer.echo(f"crfbench: {sentence}", err=True)
     sys.exit(2)
-
-
-if __name__ == "__main__":
-    main()

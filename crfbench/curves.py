@@ -37,16 +37,7 @@ def axis_labels(direction: Direction) -> tuple[str, str]:
 
 
 def as_curves(curves: ArrayLike) -> Array:
-    """Return `curves` as a float64 batch.
-
-    Parameters
-    ----------
-    curves : array_like, shape (1024,) or (n, 1024)
-
-    Returns
-    -------
-    ndarray, shape (n, 1024)
-    """
+    """Return curves, (1024,) or (n, 1024), as a float64 batch (n, 1024) of finite values."""
     batch = np.atleast_2d(as_numbers("curves", curves))
     if batch.ndim != 2 or batch.shape[1] != N_SAMPLES or not len(batch):
         raise InputError(f"curves have shape {np.shape(curves)}; use (1024,) or (n, 1024), resample() makes them")
@@ -81,17 +72,10 @@ def as_valid_curves(curves: ArrayLike, tolerance: float = 1e-6) -> Array:
 
 
 def evaluate(curves: NDArray[np.floating], x: ArrayLike) -> Array:
-    """Evaluate curves between their samples (piecewise linear; held at the ends).
+    """Evaluate curves (..., 1024) between their samples: piecewise linear, held at the ends.
 
-    Parameters
-    ----------
-    curves : ndarray, shape (..., 1024)
-    x : array_like, shape (m,) or (..., m)
-        Positions in [0, 1]; one row for all curves or one row a curve.
-
-    Returns
-    -------
-    ndarray, shape (..., m)
+    Positions `x` in [0, 1] have shape (m,), one row for all curves, or (..., m), one row a curve; so has the result,
+    (..., m).
     """
     at = as_finite("x", x)
     if np.shape(curves)[-1:] != (N_SAMPLES,) or at.ndim not in (1, np.ndim(curves)):
@@ -108,16 +92,9 @@ def evaluate(curves: NDArray[np.floating], x: ArrayLike) -> Array:
 
 
 def resample(x: ArrayLike, y: ArrayLike) -> Array:
-    """Bring one sampled response onto the grid, shifted and scaled to run from (0, 0) to (1, 1).
+    """Bring one sampled response onto the grid, shifted and scaled to run from (0, 0) to (1, 1); shape (1024,).
 
-    Parameters
-    ----------
-    x, y : array_like, shape (m,), m >= 2
-        Positions, strictly increasing, and values, non-decreasing; any units.
-
-    Returns
-    -------
-    ndarray, shape (1024,)
+    Positions `x` rise strictly and values `y` do not fall; both have shape (m,), m >= 2, and any units.
     """
     positions, values = as_finite("x", x), as_finite("y", y)
     if positions.ndim != 1 or positions.shape != values.shape or len(positions) < 2:
@@ -150,18 +127,10 @@ def invert(curves: ArrayLike) -> Array:
 
 
 def repair(curves: ArrayLike) -> Array:
-    """Return the nearest valid curves: least squares over all monotone curves from (0, 0) to (1, 1).
+    """Return the nearest valid curves, (1024,) or (n, 1024): least squares over monotone ones from (0, 0) to (1, 1).
 
     Isotonic regression of the inner samples, clipped to [0, 1], is that projection exactly (the bounded
     isotonic fit is the clipped isotonic fit).
-
-    Parameters
-    ----------
-    curves : array_like, shape (1024,) or (n, 1024)
-
-    Returns
-    -------
-    ndarray, shape (1024,) or (n, 1024)
     """
     from scipy.optimize import isotonic_regression
 

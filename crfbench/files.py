@@ -15,7 +15,7 @@ NPZ_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.Bad
 
 
 def check_sums(path: Path) -> None:
-    """Raise one of `NPZ_DAMAGE` unless the checksums of an npz file are right; NumPy interprets bytes before it knows."""
+    """Raise one of `NPZ_DAMAGE` unless the checksums of an npz file are right; NumPy interprets bytes unchecked."""
     with zipfile.ZipFile(path) as archive:
         if (broken := archive.testzip()) is not None:
             raise zipfile.BadZipFile(f"wrong checksum of {broken}")

@@ -10,7 +10,7 @@ import pandas as pd
 from packaging.requirements import Requirement
 
 from crfbench.datasets import registry
-from crfbench.resources import shipped
+from crfbench.files import bundled
 
 START = "0-start-here.ipynb"
 
@@ -32,16 +32,10 @@ def environment_table() -> pd.DataFrame:
 
 
 def copy_notebooks(folder: Path) -> list[Path]:
-    """Copy the shipped notebooks into `folder`, leaving those already there as they are.
-
-    Returns
-    -------
-    list of Path
-        The notebooks that were copied.
-    """
+    """Copy the bundled notebooks into `folder`, leave those already there as they are, and return the new ones."""
     folder.mkdir(parents=True, exist_ok=True)
     copied = []
-    for notebook in sorted(shipped("notebooks").glob("*.ipynb")):
+    for notebook in sorted(bundled("notebooks").glob("*.ipynb")):
         target = folder / notebook.name
         if not target.exists():
             shutil.copyfile(notebook, target)
@@ -50,15 +44,10 @@ def copy_notebooks(folder: Path) -> list[Path]:
 
 
 def open_lab(folder: Path, extra: list[str]) -> None:
-    """Become JupyterLab on `folder`: this process is replaced, so whatever ends it ends JupyterLab.
+    """Become JupyterLab on `folder`, with the `extra` options of ``jupyter lab``.
 
-    It listens on this machine only and keeps its token; the address with the token is printed by JupyterLab.
-
-    Parameters
-    ----------
-    folder : Path
-    extra : list of str
-        More options for ``jupyter lab``, for example ``--no-browser``.
+    This process is replaced, so whatever ends it ends JupyterLab, which listens on this machine only, keeps its token
+    and prints the address with it.
     """
     command = [sys.executable, "-m", "jupyterlab", "--ServerApp.ip=127.0.0.1", f"--ServerApp.root_dir={folder}"]
     command.append(f"--LabApp.default_url=/lab/tree/{START}")  # so that the address printed leads there too

@@ -9,16 +9,7 @@ from crfbench.errors import InputError
 
 
 def mse(a: ArrayLike, b: ArrayLike) -> Array:
-    """Mean squared error over the last axis; shapes broadcast, and NaN gives NaN.
-
-    Parameters
-    ----------
-    a, b : array_like, shape (..., m)
-
-    Returns
-    -------
-    ndarray, shape (...)
-    """
+    """Mean squared error of a and b, (..., m), over the last axis, shape (...); shapes broadcast, NaN gives NaN."""
     x, y = as_numbers("a", a), as_numbers("b", b)
     try:
         x, y = np.broadcast_arrays(x, y)
@@ -44,13 +35,7 @@ def rmse(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def summarise(values: ArrayLike) -> dict[str, float]:
-    """Return mean, median, standard deviation (of the population), maximum and 95th percentile.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        One distance a curve or camera.
-    """
+    """Return mean, median, standard deviation (of the population), maximum and 95th percentile of values (n,)."""
     v = as_finite("values", values)
     if v.ndim != 1 or not v.size:
         raise InputError(f"values of shape {v.shape} cannot be summarised; use a row of one or more numbers")
@@ -58,12 +43,7 @@ def summarise(values: ArrayLike) -> dict[str, float]:
 
 
 def statistics(values: ArrayLike) -> dict[str, Array]:
-    """Return the statistics of `summarise` along the last axis: from shape (..., n) to (...) each.
-
-    Parameters
-    ----------
-    values : array_like, shape (..., n)
-    """
+    """Return the statistics of `summarise` along the last axis: from shape (..., n) to (...) each."""
     v = np.asarray(values, dtype=np.float64)
     return {
         "mean": v.mean(axis=-1),
@@ -75,12 +55,7 @@ def statistics(values: ArrayLike) -> dict[str, Array]:
 
 
 def total_variance(curves: ArrayLike) -> float:
-    """Variance over a set of curves (divided by n), summed over the samples; 0 when all agree.
-
-    Parameters
-    ----------
-    curves : array_like, shape (n, m)
-    """
+    """Variance over a set of curves (n, m), divided by n and summed over the samples; 0 when all agree."""
     return float(np.var(_batch(curves), axis=0).sum())
 
 

@@ -45,16 +45,9 @@ def unit_square(ax: Axes, direction: Direction) -> None:
 def plot_curves(
     curves: ArrayLike, kinds: Sequence[str] | None = None, *, direction: Direction, ax: Axes | None = None
 ) -> Axes:
-    """Draw many curves thinly, coloured by kind, and the median of each kind: the paper's figure of its data set.
+    """Draw many curves (n, 1024) thinly, coloured by kind, and the median of each kind: the paper's data set.
 
-    Parameters
-    ----------
-    curves : array_like, shape (n, 1024)
-    kinds : sequence of str, length n, optional
-        Family of each curve; the legend counts them. Where there are several, each has its median, a dash pattern.
-    direction : {"forward", "inverse"}
-        Of the curves; it names the axes, so it has no default.
-    ax : Axes, optional
+    `kinds` gives the family of each curve, which the legend counts. `direction` names the axes, so it has no default.
     """
     ax, batch = new_axes(ax), np.atleast_2d(curves)
     labels = np.asarray(kinds if kinds is not None else [""] * len(batch))
@@ -114,15 +107,9 @@ def plot_comparison(
 
 
 def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) -> Axes:
-    """Draw a photograph with the outlines of the 24 patches; those in the corners are numbered.
+    """Draw a photograph, (h, w, 3) in [0, 1], with the outlines of the 24 patches; those in the corners are numbered.
 
-    Parameters
-    ----------
-    pixels : array_like, shape (h, w, 3)
-        Values in [0, 1].
-    corners : array_like, shape (4, 2)
-        In chart order, see `crfbench.datasets.chart`.
-    ax : Axes, optional
+    `corners`, shape (4, 2), are in chart order, see `crfbench.datasets.chart`.
     """
     picture, boxes = np.asarray(pixels), chart_boxes(np.asarray(corners))
     ax = new_axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
@@ -147,12 +134,8 @@ def _show_picture(ax: Axes, pixels: np.ndarray) -> None:
 def plot_linearised(jpeg: ArrayLike, linear: ArrayLike, patches: pd.DataFrame) -> list[Axes]:
     """Draw a photograph, the same linearised, and how straight its patches lie against their RAW values.
 
-    Parameters
-    ----------
-    jpeg, linear : array_like, shape (h, w, 3)
-        Before and after `crfbench.camera.linearise`; values in [0, 1].
-    patches : DataFrame
-        Columns raw, jpeg and linear: values of patches, in shares of full scale. Without a RAW file raw is NaN.
+    `jpeg` and `linear` have shape (h, w, 3) and values in [0, 1]; the table has columns raw, jpeg and linear, in shares
+    of full scale. Without a RAW file raw is NaN.
     """
     _, axes = plt.subplots(1, 3, figsize=(11.0, 3.2), layout="constrained")
     for ax, picture, title in zip(axes, (jpeg, linear), ("JPEG: brightness", "linearised: irradiance"), strict=False):
@@ -184,13 +167,7 @@ def plot_calibration(
 ) -> Axes:
     """Draw one inverse response of a calibration, its bands, and the patches where reference and exposure put them.
 
-    Parameters
-    ----------
-    result : Calibration
-    index : int
-    ax : Axes, optional
-    beside : mapping of str to array_like, shape (1024,), optional
-        Other inverse responses to compare with, such as the known truth.
+    `beside` holds other inverse responses (1024,) to compare with, such as the known truth, by their names.
     """
     brightness, irradiance = result.dots(index)
     ax = new_axes(ax)
@@ -217,18 +194,9 @@ _MOST = 0.8  # density at the end of the colour scale: twice the peak of N(0, 1)
 def plot_latent_epochs(histories: Mapping[str, History], axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Draw the density of the training curves' latents, epoch by epoch, beside their objective: the paper's figure.
 
-    Epochs are spaced by their logarithm, for most happens early. All pictures share one scale of colours.
-
-    Parameters
-    ----------
-    histories : mapping of str to History
-        By the titles to give them; of several latents the first is drawn.
-    axes : sequence of Axes, optional
-        One more than there are histories, for the objective N(0, 1) comes first.
-
-    Returns
-    -------
-    list of Axes
+    Epochs are spaced by their logarithm, for most happens early; all pictures share one scale of colours. Histories
+    come by the titles to give them; of several latents the first is drawn. `axes` are one more than histories, for the
+    objective N(0, 1) comes first.
     """
     panels = list(axes) if axes is not None else _latent_panels(len(histories) + 1)
     last = max(int(history.epochs[-1]) for history in histories.values())
@@ -288,15 +256,8 @@ def plot_latent_histogram(latents: ArrayLike, ax: Axes | None = None) -> Axes:
 def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = None, ax: Axes | None = None) -> Axes:
     """Draw accuracy against complexity of an architecture search: the M best, the choice and the Pareto front.
 
-    Parameters
-    ----------
-    table : DataFrame
-        Of `crfbench.search.search_architectures`, or a recorded one.
-    m : int
-        Of how many most accurate candidates the least complex is chosen.
-    spread : array_like, shape (n,), optional
-        Half the height of the bars of the M best, in units of MSE; by default the standard deviation over the folds.
-    ax : Axes, optional
+    The table is that of `crfbench.search_architectures`, or a recorded one. `spread`, shape (n,), is half the height of
+    the bars of the M best, in units of MSE; by default the standard deviation over the folds.
     """
     ax, table = new_axes(ax, 7.0), mark_choice(table, m)
     bars = table["mse_sd"] if spread is None else np.asarray(spread)

@@ -43,39 +43,19 @@ OnEpoch = Callable[[int, "Trainer"], bool | None]
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Everything that decides the weights, besides the curves.
+    """Everything that decides the weights, besides the curves."""
 
-    Parameters
-    ----------
-    hidden : tuple of int
-        Neurons of the encoder's hidden layers.
-    n_latent : int
-    monotone : bool
-    constraint : str
-        A name in `crfbench.constraints.CONSTRAINTS`.
-    smoothness : float
-        Weight of the l2-norm of the decoded curves' first derivative.
-    dropout : float
-        Share of hidden neurons left out at random in each step; none at inference.
-    epochs : int
-    learning_rate : float
-        The highest of the cycle.
-    batch_size : int, optional
-        Curves a step; by default all, which the constraints on the whole distribution like best.
-    patience : int, optional
-        Stop when the loss has not improved for so many epochs; by default never, for the cycle ends by itself.
-    seed : int
-    """
-
-    hidden: tuple[int, ...] = (50, 20)
+    hidden: tuple[int, ...] = (50, 20)  # neurons of the encoder's hidden layers
     n_latent: int = 1
     monotone: bool = False
-    constraint: str = "ldl"
-    smoothness: float = 1e-5
-    dropout: float = 0.0
+    constraint: str = "ldl"  # A name in `crfbench.constraints.CONSTRAINTS`
+    smoothness: float = 1e-5  # weight of the l2-norm of the decoded curves' first derivative
+    dropout: float = 0.0  # share of hidden neurons left out at random in each step; none at inference
     epochs: int = 1000
-    learning_rate: float = 1e-2
+    learning_rate: float = 1e-2  # the highest of the cycle
+    # curves a step; by default all, which the constraints on the whole distribution like best
     batch_size: int | None = None
+    # stop when the loss has not improved for so many epochs; by default never, for the cycle ends by itself
     patience: int | None = None
     seed: int = 0
 

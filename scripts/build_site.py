@@ -28,11 +28,12 @@ from numpy.typing import ArrayLike
 from pygments.formatters import HtmlFormatter
 
 import crfbench
-from crfbench import plots, report, results
+from crfbench import plots
 from crfbench.files import write_atomically
 from crfbench.history import load_history
 from crfbench.models import MODELS
-from crfbench.tables.recorded import load_recorded
+from crfbench.paper import figures, report
+from crfbench.paper.results import load_recorded
 from crfbench.widgets import EpochPlayer, LatentExplorer
 from crfbench.widgets.assets import join
 from crfbench.widgets.page import document, island
@@ -214,7 +215,7 @@ def _widget(plain: str, name: str) -> str:
 def _figure_text(source: str, heading: str) -> str:
     """Say what a figure shows: its section, and what the function that draws it says of itself."""
     for name in _called(source):
-        for home in (plots, report, results):
+        for home in (plots, report, figures):
             function = getattr(home, name, None)
             if "Axes" in str(getattr(function, "__annotations__", {}).get("return")):
                 return f"{heading} – {inspect.getdoc(function)}".split("\n", maxsplit=1)[0]
@@ -235,7 +236,7 @@ def _fits_picture() -> str:
     }
     fits = {name: model.decode(model.fit(responses.curves[:1]))[0] for name, model in models.items()}
     figure, axes = plt.subplots(figsize=(6, 4.5), layout="constrained")
-    plots.plot_comparison(responses.curves[0], fits, ax=axes)
+    plots.plot_comparison(responses.curves[0], fits, direction="forward", ax=axes)
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=200, bbox_inches="tight")
     plt.close(figure)
@@ -255,7 +256,7 @@ def _epoch_player() -> EpochPlayer:
 
 LIVING: dict[str, Callable[[], anywidget.AnyWidget]] = {
     "EpochPlayer": _epoch_player,
-    "LatentExplorer": lambda: LatentExplorer.shipped(crfbench.load_responses("opencrf")),
+    "LatentExplorer": lambda: LatentExplorer.pretrained(crfbench.load_responses("opencrf")),
     "SearchExplorer": _search_explorer,
     "SortableTable": report.sortable_leaderboard,
 }

@@ -57,7 +57,7 @@ def _row(floor: list[str], y: int) -> tuple[str, int]:
     """Return the boxes of a floor, side by side and of one height, and that height."""
     width = (_WIDTH - 2 * _MARGIN - _GAP * (len(floor) - 1)) // len(floor)
     letters = int((width - 2 * _PAD) / _LETTER)
-    sentences = [wrap(first_sentence(f"crfbench.{name}").replace("``", ""), letters) for name in floor]
+    sentences = [wrap(first_sentence(f"crfbench.{name}").replace("`", ""), letters) for name in floor]
     height = _LINE * (1 + max(map(len, sentences))) + 2 * _PAD
     boxes = ""
     for i, (name, lines) in enumerate(zip(floor, sentences, strict=True)):

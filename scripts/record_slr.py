@@ -14,7 +14,7 @@ from tqdm import tqdm
 import crfbench
 from crfbench.curves import Array, Direction
 from crfbench.datasets import load_dorf
-from crfbench.datasets.folds import group_labels, grouped_folds
+from crfbench.datasets.responses import group_labels, grouped_folds
 from crfbench.metrics import rmse
 from crfbench.models.registry import ModelKey
 from crfbench.paper.fitting import figures

@@ -1,7 +1,6 @@
 """The Python side of CalibrationExplorer; tests/test_browser drives it on a page."""
 
-from collections.abc import Callable
-
+import ipywidgets
 import numpy as np
 import pytest
 
@@ -9,19 +8,14 @@ from crfbench.calibration import Observations, calibrate
 from crfbench.curves import GRID, evaluate
 from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, load_patches, patch_intensity
 from crfbench.errors import InputError
-from crfbench.models.ready import load_model
-from crfbench.widgets import CalibrationExplorer
+from crfbench.models.registry import ModelKey, load_model
+from crfbench.widgets import CalibrationExplorer, calibration_explorer
 from crfbench.widgets.calibration_explorer import MODELS
 
 
 @pytest.fixture
 def explorer() -> CalibrationExplorer:
     return CalibrationExplorer()
-
-
-def send(explorer: CalibrationExplorer, kind: str, value: object, request: str = "view:1") -> None:
-    """Do what the page does: a custom message."""
-    explorer._receive(explorer, {"request": request, "kind": kind, "value": value}, [])
 
 
 def samples(data: bytes) -> np.ndarray:
@@ -34,12 +28,12 @@ def photographs(camera: str, illumination: int):
 
 def test_calibrates_what_is_chosen(explorer: CalibrationExplorer) -> None:
     explorer.camera, explorer.illumination, explorer.patches = "NikonD70", 2, (24, 2, 19, 2)
-    explorer.model, explorer.method = "GGCM(3)", "map"
+    explorer.model, explorer.method = "GGCM-3", "map"
     rows = photographs("NikonD70", 2)
     rgb = rows[["jpeg_r", "jpeg_g", "jpeg_b"]].to_numpy().reshape(4, 24, 3)
     clipped = rows["jpeg_clipped"].to_numpy().reshape(4, 24) >= 0.02
     seen = Observations.from_rgb(rgb, REFERENCE_IRRADIANCE, clipped=clipped).take([1, 18, 23])
-    expected = calibrate(load_model("GGCM", 3), seen, "map")
+    expected = calibrate(load_model("GGCM-3"), seen, "map")
     np.testing.assert_allclose(explorer.result.params, expected.params)
     assert explorer.patches == (2, 19, 24)
     np.testing.assert_allclose(samples(explorer._scene["shown"]["curve"]), expected.curves[0, ::3], atol=1e-7)
@@ -59,27 +53,27 @@ def test_judged_by_raw_of_the_other_illumination(explorer: CalibrationExplorer, 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_model_is_offered_the_methods_that_fit(explorer: CalibrationExplorer, model: str) -> None:
     explorer.model = model
-    offered = next(each for each in explorer._choices["models"] if each["name"] == model)["methods"]
-    assert set(offered) <= set(explorer._choices["methods"])
+    offered = next(each for each in explorer._options["models"] if each["name"] == model)["methods"]
+    assert set(offered) <= set(explorer._options["methods"])
     assert ("grid" in offered) == (explorer.result.model.n_params == 1)
     for method in offered[:3]:
         explorer.method = method
         assert explorer.result.method == method
-        found = explorer.result.model
-        assert f"{MODELS[model][0].partition('-')[0]}({MODELS[model][1]})" == f"{found.name}({found.n_params})"
+        key = ModelKey.parse(model)
+        assert (explorer.result.model.name, explorer.result.model.n_params) == (key.family, key.n_params)
 
 
 def test_the_papers_method_is_offered_too(explorer: CalibrationExplorer) -> None:
-    explorer.model, explorer.method = "Gamma(1)", "paper"
+    explorer.model, explorer.method = "Gamma-1", "paper"
     assert explorer.result.method == "paper"
     assert explorer._scene["shown"]["bands"] == {}
 
 
 def test_least_loss_stays_chosen_when_the_model_changes(explorer: CalibrationExplorer) -> None:
     explorer.method = "grid"
-    explorer.model = "EMoR(3)"
+    explorer.model = "EMoR-3"
     assert explorer.method == "lm"
-    explorer.model = "Gamma(1)"
+    explorer.model = "Gamma-1"
     assert explorer.method == "grid"
 
 
@@ -94,32 +88,32 @@ def test_bands_enclose_the_curve_and_each_other(explorer: CalibrationExplorer) -
     assert (high90 - low90).max() > 0.1
 
 
-def test_densities_are_over_the_free_parameter(explorer: CalibrationExplorer) -> None:
-    belief = explorer._scene["shown"]["belief"]
-    prior, posterior = map(samples, belief["densities"])
-    z = np.linspace(*belief["ends"], len(prior))
+def test_densities_are_over_the_unconstrained_parameter(explorer: CalibrationExplorer) -> None:
+    density = explorer._scene["shown"]["density"]
+    prior, posterior = map(samples, density["densities"])
+    z = np.linspace(*density["ends"], len(prior))
     assert np.trapezoid(prior, z) == pytest.approx(1, abs=0.01)
     assert np.trapezoid(posterior, z) == pytest.approx(1, abs=0.01)
-    learned = load_model("SLR-ldl", 1).prior_
+    learned = load_model("SLR-ldl-1").prior_
     assert np.trapezoid(prior * z, z) == pytest.approx(learned.mean[0], abs=0.02)
-    assert belief["best"] == pytest.approx(explorer.result.params[0, 0])
-    assert belief["name"] == "latent z"
+    assert density["best"] == pytest.approx(explorer.result.params[0, 0])
+    assert density["name"] == "latent z"
 
 
 def test_density_of_gamma_is_over_its_logarithm(explorer: CalibrationExplorer) -> None:
-    explorer.model = "Gamma(1)"
-    belief = explorer._scene["shown"]["belief"]
-    assert belief["name"] == "log gamma"
-    assert belief["best"] == pytest.approx(np.log(explorer.result.params[0, 0]))
+    explorer.model = "Gamma-1"
+    density = explorer._scene["shown"]["density"]
+    assert density["name"] == "log gamma"
+    assert density["best"] == pytest.approx(np.log(explorer.result.params[0, 0]))
 
 
 def test_no_density_without_a_single_parameter_and_no_posterior_without_its_method(
     explorer: CalibrationExplorer,
 ) -> None:
     explorer.method = "map"
-    assert len(explorer._scene["shown"]["belief"]["densities"]) == 1
-    explorer.model = "EMoR(3)"
-    assert explorer._scene["shown"]["belief"] is None
+    assert len(explorer._scene["shown"]["density"]["densities"]) == 1
+    explorer.model = "EMoR-3"
+    assert explorer._scene["shown"]["density"] is None
 
 
 def test_what_is_told_of_the_result(explorer: CalibrationExplorer) -> None:
@@ -130,7 +124,7 @@ def test_what_is_told_of_the_result(explorer: CalibrationExplorer) -> None:
     assert shown["params"] == {"latent z": explorer.result.params[0, 0]}
     assert shown["warnings"] == list(explorer.result.warnings[0])
     assert any("only 2 patches" in text for text in shown["warnings"])
-    assert shown["label"] == "SLR-ldl(1), posterior"
+    assert shown["label"] == "SLR-ldl-1, posterior"
 
 
 def test_the_chart_has_the_colours_of_the_third_photograph(explorer: CalibrationExplorer) -> None:
@@ -143,8 +137,7 @@ def test_the_chart_has_the_colours_of_the_third_photograph(explorer: Calibration
 @pytest.mark.parametrize("patches", [(), (24,)])
 def test_too_few_patches_say_so_and_keep_the_last_curve(explorer: CalibrationExplorer, patches: tuple) -> None:
     before = explorer._scene["shown"]
-    send(explorer, "patches", list(patches), "view:7")
-    assert explorer._scene["answered"] == "view:7"
+    explorer.set_state({"patches": list(patches)})
     assert explorer.patches == patches
     assert explorer.error.endswith("2 or more")
     assert explorer._scene["error"] == explorer.error
@@ -157,19 +150,57 @@ def test_too_few_patches_say_so_and_keep_the_last_curve(explorer: CalibrationExp
     assert explorer.error == "" == explorer._scene["error"]
 
 
-def test_every_wish_of_the_page_is_answered(explorer: CalibrationExplorer) -> None:
-    wishes = {"camera": "NikonD200", "illumination": 2, "model": "EMoR(3)", "method": "lm", "patches": [3, 20]}
-    for i, (kind, value) in enumerate(wishes.items()):
-        send(explorer, kind, value, f"view:{i}")
-        assert explorer._scene["answered"] == f"view:{i}"
-        assert explorer._scene[kind] == (tuple(value) if kind == "patches" else value)
-    assert repr(explorer) == "CalibrationExplorer('NikonD200', illumination=2, 'EMoR(3)', 'lm', patches=(3, 20))"
+def test_every_choice_of_the_page_is_answered(explorer: CalibrationExplorer) -> None:
+    choices = {"camera": "NikonD200", "illumination": 2, "model": "EMoR-3", "method": "lm", "patches": [3, 20]}
+    for name, value in choices.items():
+        explorer.set_state({name: value})
+        assert explorer._scene["choice"][name] == (tuple(value) if name == "patches" else value)
+    assert repr(explorer) == "CalibrationExplorer('NikonD200', illumination=2, 'EMoR-3', 'lm', patches=(3, 20))"
+
+
+def test_choices_that_come_together_are_calibrated_once(
+    explorer: CalibrationExplorer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = []
+    monkeypatch.setattr(calibration_explorer, "calibrate", lambda *a, **k: runs.append(a) or calibrate(*a, **k))
+    explorer.set_state({"model": "GGCM-3", "method": "lm", "patches": [1, 2, 19]})
+    assert (explorer.model, explorer.method, explorer.patches) == ("GGCM-3", "lm", (1, 2, 19))
+    explorer.model = "Gamma-1"  # changes the method too
+    assert len(runs) == 2
+
+
+def test_observers_hear_of_every_choice_and_find_its_result(explorer: CalibrationExplorer) -> None:
+    heard = []
+    explorer.observe(lambda change: heard.append((change.name, change.new, explorer.rmse)), ["patches", "camera"])
+    explorer.set_state({"patches": [19, 24]})
+    explorer.patches = [24, 19]  # the same
+    explorer.camera = "NikonD70"
+    assert [each[:2] for each in heard] == [("patches", (19, 24)), ("camera", "NikonD70")]
+    assert heard[0][2] != heard[1][2] == explorer.rmse
+
+
+def test_choices_are_linked_to_other_widgets(explorer: CalibrationExplorer) -> None:
+    other = CalibrationExplorer()
+    dropdown = ipywidgets.Dropdown(options=explorer._options["cameras"], value="NikonD70")
+    ipywidgets.link((dropdown, "value"), (explorer, "camera"))
+    ipywidgets.link((explorer, "patches"), (other, "patches"))
+    assert explorer.camera == "NikonD70"
+    explorer.camera = "PentaxK10D"
+    other.patches = (1, 2, 3)
+    assert (dropdown.value, explorer.patches) == ("PentaxK10D", (1, 2, 3))
+
+
+def test_a_value_that_the_page_may_not_send_is_not_kept(explorer: CalibrationExplorer) -> None:
+    with pytest.raises(InputError, match="patches=25"):
+        explorer.set_state({"patches": [1, 25]})
+    assert explorer.patches == (19, 21, 24)
 
 
 def test_shortcuts_are_patches(explorer: CalibrationExplorer) -> None:
     sizes = []
-    for shortcut in explorer._choices["shortcuts"]:
+    for shortcut in explorer._options["shortcuts"]:
         explorer.patches = shortcut["patches"]
+        assert list(explorer.patches) == shortcut["patches"]
         sizes.append(len(explorer.patches))
         assert explorer.error == ""
     assert sizes == [3, 6, 12, 24]
@@ -180,7 +211,7 @@ def test_a_message_is_small(explorer: CalibrationExplorer) -> None:
     scene = explorer._scene
     shown = scene["shown"]
     packed = [scene["colours"], scene["truth"], shown["curve"], shown["dots"], *shown["bands"].values()]
-    assert sum(map(len, [*packed, *shown["belief"]["densities"]])) < 16_384
+    assert sum(map(len, [*packed, *shown["density"]["densities"]])) < 16_384
 
 
 def test_front_end_needs_nothing_from_elsewhere() -> None:
@@ -189,27 +220,27 @@ def test_front_end_needs_nothing_from_elsewhere() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("name", "value", "message"),
     [
-        (lambda e: setattr(e, "camera", "Leica"), "camera='Leica' is not here; use one of CanonEOS1DsMarkII"),
-        (lambda e: setattr(e, "illumination", 3), "illumination=3 is not here; use one of 1, 2"),
-        (lambda e: setattr(e, "illumination", True), "illumination=True"),
-        (lambda e: setattr(e, "method", "lm"), "method='lm' is not here; use one of posterior, map, grid, paper"),
-        (lambda e: setattr(e, "model", "SLR-ldl"), r"model='SLR-ldl' is not here; use one of SLR-ldl\(1\)"),
-        (lambda e: setattr(e, "patches", (0, 3)), r"patches=\(0, 3\) do not fit; use whole numbers from 1 to 24"),
-        (lambda e: setattr(e, "patches", (1, 25)), "whole numbers from 1 to 24"),
-        (lambda e: setattr(e, "patches", (1, 2.5)), "whole numbers"),
-        (lambda e: setattr(e, "patches", (True, 2)), "whole numbers"),
-        (lambda e: setattr(e, "patches", 19), "patches=19 do not fit"),
-        (lambda e: setattr(e, "patches", "ab"), "patches='ab'"),
+        ("camera", "Leica", "camera='Leica' is not known; use one of CanonEOS1DsMarkII"),
+        ("illumination", 3, "illumination=3 is out of range; use a whole number from 1 to 2"),
+        ("illumination", True, "illumination=True"),
+        ("method", "lm", "method='lm' is not known; use one of posterior, map, grid, paper"),
+        ("model", "SLR-ldl", "model='SLR-ldl' is not known; use one of SLR-ldl-1"),
+        ("patches", (0, 3), "patches=0 is out of range; use a whole number from 1 to 24"),
+        ("patches", (1, 25), "whole number from 1 to 24"),
+        ("patches", (1, 2.5), "whole number"),
+        ("patches", (True, 2), "whole number"),
+        ("patches", 19, "patches=19 is not a list"),
+        ("patches", "ab", "patches='a'"),
     ],
 )
 def test_bad_values_are_refused_and_change_nothing(
-    explorer: CalibrationExplorer, change: Callable[[CalibrationExplorer], None], message: str
+    explorer: CalibrationExplorer, name: str, value: object, message: str
 ) -> None:
     scene = explorer._scene
     with pytest.raises(InputError, match=message):
-        change(explorer)
+        setattr(explorer, name, value)
     assert explorer._scene == scene
 
 

@@ -9,7 +9,7 @@ from crfbench.datasets import load_patches
 from crfbench.datasets.middlebury import PATCH_ORDER, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays, patch_intensity
 from crfbench.errors import InputError
 from crfbench.models import load_model
-from crfbench.paper import calibration, chart_free, stability
+from crfbench.paper import calibration, stability
 from crfbench.paper.printed import CALIBRATION, SIGNIFICANT_RMSE
 
 LDL, EMOR = "SLR-ldl-1", "EMoR-3"
@@ -154,15 +154,15 @@ def known_camera(chart) -> PatchArrays:
 def test_exposures_alone_bring_a_known_response_back(known_camera):
     inside = (GRID > 0.1) & (GRID < 0.95)
     truth = GRID[inside] ** 2.2
-    gamma = chart_free.chart_free_curves(known_camera, "Gamma-1")[:, inside]
+    gamma = calibration.chart_free_curves(known_camera, "Gamma-1")[:, inside]
     np.testing.assert_allclose(gamma, np.tile(truth, (2, 1)), atol=0.01)
-    debevec = chart_free.opencv_curves(known_camera, "Debevec")[:, inside]
+    debevec = calibration.opencv_curves(known_camera, "Debevec")[:, inside]
     scale = (debevec @ truth) / (debevec**2).sum(axis=1)
     assert np.sqrt(np.mean((scale[:, None] * debevec - truth) ** 2)) < 0.05
 
 
 def test_chart_free_is_monotone_and_mostly_below_opencv():
-    table = chart_free.chart_free_table("map").set_index("model")
+    table = calibration.chart_free_table("map").set_index("model")
     ours = table.loc["SLR-monotone-1"]
     assert ours["monotone"] == 1.0
     assert ours["below_both"] >= 12

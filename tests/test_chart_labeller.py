@@ -3,10 +3,11 @@
 import json
 
 import cv2
+import ipywidgets
 import numpy as np
 import pytest
 
-from crfbench.charts import load_labels
+from crfbench.datasets.chart import load_labels
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.widgets import ChartLabeller
 
@@ -29,7 +30,7 @@ def test_the_page_gets_one_photograph_at_a_time_and_a_light_one(labeller):
         "index": 0, "name": "wide", "width": 50, "height": 30,
     }  # fmt: skip
     assert shown(labeller).shape == (30, 50, 3)
-    labeller._index = 1
+    labeller.index = 1
     assert (labeller._picture["name"], labeller._picture["width"], labeller._picture["height"]) == ("tall", 1500, 3000)
     assert shown(labeller).shape == (1200, 600, 3)
     assert np.abs(shown(labeller).mean(axis=(0, 1)) - (200, 100, 50)).max() < 2, "red stays red"
@@ -62,14 +63,43 @@ def test_labels_are_saved_and_read_into_another(labeller, tmp_path):
     assert load_labels(path) == {}
 
 
-def test_labels_given_out_are_copies(labeller):
-    labeller.labels = {"wide": CORNERS}
-    labeller.labels["wide"][:] = 0.0
+def test_labels_given_out_are_read_only(labeller):
+    given = CORNERS.copy()
+    labeller.labels = {"wide": given}
+    given[:] = 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        labeller.labels["wide"][:] = 0.0
+    with pytest.raises(TypeError, match="item assignment"):
+        labeller.labels["tall"] = CORNERS
     np.testing.assert_array_equal(labeller.labels["wide"], CORNERS)
 
 
+def test_labels_and_index_of_the_page_are_heard_of(labeller):
+    heard = []
+    labeller.observe(lambda change: heard.append(change.name), ["labels", "index"])
+    labeller.set_state({"labels": {"tall": CORNERS.tolist()}, "index": 1})
+    assert sorted(heard) == ["index", "labels"]
+    np.testing.assert_array_equal(labeller.labels["tall"], CORNERS)
+    assert labeller._picture["name"] == "tall"
+    assert labeller.get_state("labels") == {"labels": {"tall": CORNERS.tolist()}}
+
+
+def test_labels_are_linked_to_another_labeller(labeller):
+    other = ChartLabeller({"wide": WIDE})
+    ipywidgets.link((labeller, "labels"), (other, "labels"))
+    other.labels = {"wide": CORNERS}
+    np.testing.assert_array_equal(labeller.labels["wide"], CORNERS)
+
+
+@pytest.mark.parametrize("index", [-1, 2, 0.5, True, "wide"])
+def test_an_index_of_no_photograph_changes_nothing(labeller, index):
+    with pytest.raises(InputError, match=f"index={index!r} is out of range; use a whole number from 0 to 1"):
+        labeller.index = index
+    assert labeller.index == 0
+
+
 @pytest.mark.parametrize("corners", [CORNERS[:3], CORNERS + 0.2, CORNERS * np.nan, "abcd", [[10**400] * 2] * 4])
-def test_labels_that_do_not_fit_change_nothing(labeller, corners):
+def test_labels_that_are_not_valid_change_nothing(labeller, corners):
     labeller.labels = {"wide": CORNERS}
     with pytest.raises(InputError, match="corners="):
         labeller.labels = {"tall": corners}
@@ -85,10 +115,10 @@ def test_labels_that_do_not_fit_change_nothing(labeller, corners):
         ({"a": WIDE[:0]}, InputError, r"shape \(0, 50, 3\)"),
         ({"a": 5}, InputError, "image 'a' is int"),
         ({"a": "nowhere.png"}, MissingDataError, "no file nowhere.png for 'a'"),
-        ({"a": __file__}, FormatError, "no image that OpenCV reads"),
+        ({"a": __file__}, FormatError, "is not an image that OpenCV reads"),
     ],
 )
-def test_what_is_no_photograph(images, error, message):
+def test_what_is_not_a_photograph(images, error, message):
     with pytest.raises(error, match=message):
         ChartLabeller(images)
 

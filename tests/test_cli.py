@@ -1,3 +1,5 @@
+"""The command line; most of it runs in this process, and one test starts a process as a user does."""
+
 import json
 import os
 import subprocess
@@ -5,26 +7,43 @@ import sys
 from functools import partial
 
 import pytest
-from typer.testing import CliRunner
 
 import crfbench
-from crfbench import cli, lab, results
-from crfbench.tables import stability
-from crfbench.tables.fitting import COLUMNS
+from crfbench import camera, cli, lab
+from crfbench.models import ModelKey, load_model
+from crfbench.paper import figures, fitting, stability
+from crfbench.paper.fitting import COLUMNS
+from tests.support.command import run_command
+
+
+@pytest.fixture(scope="module", autouse=True)
+def curves_are_fitted_once():
+    """Let every command that prints fits take its rows from one table, which takes half a minute to compute."""
+    compute, tables = fitting.fitting_table, {}
+
+    def fitting_table(responses, directions=fitting.DIRECTIONS):
+        if responses.dataset not in tables:
+            tables[responses.dataset] = compute(responses)
+        table = tables[responses.dataset]
+        return table[table["direction"].isin(directions)].reset_index(drop=True)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fitting, "fitting_table", fitting_table)
+        yield
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """Run the command line in a process of its own, without the real data and with an empty cache."""
-    env = {k: v for k, v in os.environ.items() if k != "CRFBENCH_DATA"}
-    env["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
-    command = [sys.executable, "-m", "crfbench.cli"]
-    return lambda *args: subprocess.run([*command, *args], capture_output=True, text=True, check=False, env=env)
+def fitting_json(curves_are_fitted_once):
+    return run_command("table", "fitting", "--json")
 
 
-@pytest.fixture(scope="module")
-def fitting_json(run):
-    return run("table", "fitting", "--json")
+def test_the_command_works_as_a_process():
+    for command in (["-m", "crfbench"], ["-c", "from crfbench.cli import main; main()"]):
+        done = subprocess.run([sys.executable, *command, "--version"], capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == crfbench.__version__
+    done = subprocess.run([sys.executable, "-m", "crfbench", "train"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("crfbench: no model is named")
 
 
 def test_json_rows_have_exactly_the_keys(fitting_json):
@@ -35,8 +54,8 @@ def test_json_rows_have_exactly_the_keys(fitting_json):
     assert {row["direction"] for row in rows} == {"forward", "inverse"}
 
 
-def test_without_dorf_the_recorded_table_stands_beside(run):
-    done = run("table", "fitting", "--direction", "forward")
+def test_without_dorf_the_recorded_table_stands_beside():
+    done = run_command("table", "fitting", "--direction", "forward")
     assert done.returncode == 0
     assert "opencrf, computed now" in done.stdout
     assert "dorf, recorded with crfbench" in done.stdout
@@ -49,24 +68,25 @@ def test_in_a_narrow_terminal_every_part_of_a_table_names_its_rows(monkeypatch, 
     wide, narrow = [], []
     for lines, columns in ((wide, 500), (narrow, width)):
         monkeypatch.setenv("COLUMNS", str(columns))
-        lines.extend(CliRunner().invoke(cli.app, ["table", "latents"]).stdout.splitlines())
+        lines.extend(run_command("table", "latents").stdout.splitlines())
     whole = next(line.split() for line in wide if "encoder_mse" in line and "model" in line)
-    heads = [line.split() for line in narrow if line.split() and set(line.split()) <= {*whole[4:], "\\"}]
-    assert [name for head in heads for name in head if name != "\\"] == whole[4:]
-    assert sum(line.split() == whole[:4] for line in narrow) == len(heads) > 1
-    names = ["SLR-ldl", "1", "inverse", "ldl"]
-    (row,) = [line.split()[4:] for line in wide if line.split()[:4] == names]
-    assert [value for line in narrow if line.split()[:4] == names for value in line.split()[4:]] == row
+    names = whole[: whole.index("mean")]  # the columns of text, which name a row
+    heads = [line.split() for line in narrow if line.split() and set(line.split()) <= {*whole[len(names) :], "\\"}]
+    assert [name for head in heads for name in head if name != "\\"] == whole[len(names) :]
+    assert sum(line.split() == names for line in narrow) == len(heads) > 1
+    rows = [line.split() for line in wide if line.startswith("SLR-ldl-1 ") or " SLR-ldl-1 " in line]
+    row = rows[0]
+    parts = [line.split() for line in narrow if line.split()[: len(names)] == row[: len(names)]]
+    assert [value for part in parts for value in part[len(names) :]] == row[len(names) :]
     assert width < 80 or max(map(len, narrow)) <= width
 
 
-def test_data_lists_every_set(run):
-    done = run("data", "--json")
-    rows = {row["key"]: row for row in json.loads(done.stdout)}
+def test_data_lists_every_set():
+    rows = {row["key"]: row for row in json.loads(run_command("data", "--json").stdout)}
     assert set(rows) == {"opencrf", "dorf", "emor", "middlebury"}
-    assert rows["opencrf"]["present"] == "shipped"
+    assert rows["opencrf"]["present"] == "bundled"
     assert rows["dorf"]["present"] == "absent"
-    assert "crfbench fetch dorf" in run("data").stdout
+    assert "crfbench fetch dorf" in run_command("data").stdout
 
 
 @pytest.mark.parametrize(
@@ -76,15 +96,17 @@ def test_data_lists_every_set(run):
         (["table", "fitting", "--data", "nonsense"], "which='nonsense' is not known; use one of auto, dorf, opencrf"),
         (["table", "fitting", "--direction", "up"], "direction='up' is not known"),
         (["fetch", "nonsense"], "nonsense"),
-        (["train"], "no model is named; use --all or some of: baseline-1-forward"),
-        (["train", "LDL"], "'LDL' is no shipped model"),
+        (["train"], "no model is named; use --all or some of: SLR-baseline-1"),
+        (["train", "LDL"], "'LDL' is not a valid name of a model; use one such as 'SLR-ldl-1'"),
+        (["calibrate", ".", "--model", "SLR-none-1"], "no model 'SLR-none-1' is bundled; use one of SLR-"),
         (["tables", "--out", os.devnull], f"{os.devnull} cannot be used: "),
         (["report", "--out", "."], ". cannot be used: "),
-        (["search", "--seed", "-1"], "seed=-1 does not fit; use a whole number from 0"),
+        (["search", "--seed", "-1"], "seed=-1 is out of range; use a whole number from 0"),
+        (["bench"], "run them there with: make bench"),
     ],
 )
-def test_mistakes_are_one_sentence_and_status_2(run, args, words):
-    done = run(*args)
+def test_mistakes_are_one_sentence_and_status_2(args, words):
+    done = run_command(*args)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith("crfbench: ")
@@ -92,9 +114,52 @@ def test_mistakes_are_one_sentence_and_status_2(run, args, words):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_a_wrong_option_is_status_2(run):
-    assert run("table", "fitting", "--nonsense").returncode == 2
-    assert run("nonsense").returncode == 2
+def test_a_wrong_option_is_status_2():
+    assert run_command("table", "fitting", "--nonsense").returncode == 2
+    assert run_command("nonsense").returncode == 2
+
+
+def test_without_pytorch_the_sentence_says_how_to_get_it(monkeypatch):
+    for name in [
+        name for name in sys.modules if name.split(".")[:2] in (["crfbench", "training"], ["crfbench", "search"])
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    done = run_command("train", "--all")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.endswith("pip install 'crfbench[train]'\n")
+
+
+@pytest.mark.parametrize(
+    ("former", "current"),
+    [
+        *cli.FORMER_NAMES.items(),
+        ("ldl-1-inverse", "SLR-ldl-1"),
+        ("open-1-forward", "SLR-open-1-forward"),
+        ("monotone-3-inverse", "SLR-monotone-3"),
+    ],
+)
+def test_a_former_name_of_a_model_works_with_a_hint(capsys, former, current):
+    assert cli._current_name(former) == current
+    hint = capsys.readouterr().err
+    assert hint.count("\n") == 1
+    assert f"{former} is called {current} now" in hint
+    assert str(ModelKey.parse(current)) == current
+    assert cli._current_name(current) == current
+    assert capsys.readouterr().err == ""
+
+
+def test_calibrate_takes_a_former_name(monkeypatch, tmp_path):
+    asked = []
+
+    def calibrate(source, chart, exposures, model, created):
+        asked.append((source, chart, exposures, load_model(model).n_params, created[:2]))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(camera, "calibrate", calibrate)
+    done = run_command("calibrate", tmp_path, "--model", "slr", "--exposures", "1,2.5", "--chart", "none")
+    assert asked == [(tmp_path, "none", [1.0, 2.5], 3, "20")]
+    assert "slr is called SLR-ldl-3 now" in done.stderr
 
 
 def test_options_of_lab_go_to_jupyterlab(monkeypatch, tmp_path):
@@ -102,7 +167,7 @@ def test_options_of_lab_go_to_jupyterlab(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(lab, "open_lab", lambda folder, options: seen.append((folder.name, options)))
     for args in (["lab", "--no-browser"], ["lab", "mine", "--port", "9999"], ["lab", "--port", "9999"]):
-        assert CliRunner().invoke(cli.app, args).exit_code == 0
+        assert run_command(*args).returncode == 0
     assert seen == [
         ("crfbench-notebooks", ["--no-browser"]),
         ("mine", ["--port", "9999"]),
@@ -110,29 +175,25 @@ def test_options_of_lab_go_to_jupyterlab(monkeypatch, tmp_path):
     ]
 
 
-def test_what_is_shipped_need_not_be_fetched(run):
-    assert run("fetch", "opencrf").stdout == "opencrf is shipped with crfbench; there is nothing to fetch\n"
+def test_what_is_bundled_need_not_be_fetched():
+    assert run_command("fetch", "opencrf").stdout == "opencrf is bundled with crfbench; there is nothing to fetch\n"
 
 
-def test_version(run):
-    assert run("--version").stdout.strip() == crfbench.__version__
-
-
+@pytest.mark.slow
 def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
-    monkeypatch.delenv("CRFBENCH_DATA", raising=False)
     # Fewer of the same rows: each of them has a test of its own.
-    few = (("SLR", "ldl", 1), ("EMoR", "", 3))
-    monkeypatch.setattr(results, "calibration_table", partial(results.calibration_table, rows=few))
+    few = (ModelKey("SLR", "ldl", 1), ModelKey("EMoR", "", 3))
+    monkeypatch.setattr(figures, "calibration_table", partial(figures.calibration_table, rows=few))
     monkeypatch.setattr(stability, "ROWS", stability.ROWS[:1])
-    monkeypatch.setattr(results, "stability_table", partial(results.stability_table, random_subsets=1))
-    result = CliRunner().invoke(cli.app, ["tables", "--out", str(tmp_path / "new folder")])
-    assert result.exit_code == 0, result.output
+    monkeypatch.setattr(figures, "stability_table", partial(figures.stability_table, random_subsets=1))
+    done = run_command("tables", "--out", tmp_path / "new folder")
+    assert done.returncode == 0, done.stderr
     written = {path.name for path in (tmp_path / "new folder").iterdir()}
-    assert {path.rsplit("/", 1)[-1] for path in result.output.split("\n") if path} == written
+    assert {path.rsplit("/", 1)[-1] for path in done.stdout.split("\n") if path} == written
     assert {"latents.csv", "latents.json", "latent_epochs.pdf", "search.pdf"} <= written
     assert {"claims.csv", "leaderboard.json"} <= written
     for stem in ("curves_opencrf", "patches", "comparison", "fitting_opencrf", "fitting_dorf", "validity_dorf"):
         assert {f"{stem}.png", f"{stem}.pdf"} <= written
     assert {"fitting_dorf.json", "fitting_opencrf.csv", "stability.csv", "chart_free.json"} <= written
     assert {"calibration_3_map.csv", "calibration_24_posterior.json", "calibration_coverage.pdf"} <= written
-    assert json.loads((tmp_path / "new folder" / "fitting_dorf.json").read_text())[0]["model"] == "Gamma"
+    assert json.loads((tmp_path / "new folder" / "fitting_dorf.json").read_text())[0]["model"].startswith("Gamma")

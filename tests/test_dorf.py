@@ -13,8 +13,8 @@ from scipy.io import savemat
 
 from crfbench.curves import GRID
 from crfbench.datasets import dorf, load_responses
-from crfbench.datasets.folds import near_copies
 from crfbench.datasets.registry import DataSet, RemoteFile
+from crfbench.datasets.responses import near_copies
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import bundled
 

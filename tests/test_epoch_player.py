@@ -1,11 +1,11 @@
 """The Python side of EpochPlayer; tests/test_browser drives it on a page."""
 
+import ipywidgets
 import numpy as np
 import pytest
 
 from crfbench.errors import InputError
-from crfbench.history import History, load_history
-from crfbench.tables.latents import latent_figures
+from crfbench.history import History, latent_statistics, load_history
 from crfbench.widgets import EpochPlayer
 
 NAMES = ("LDL", "AUC", "AAE", "VAE", "baseline")
@@ -31,11 +31,11 @@ def test_columns_hold_the_history() -> None:
     assert column["name"] == "AUC"
     assert column["epochs"] == (history.epochs + 1).tolist()
     assert (column["xLabel"], column["yLabel"]) == ("brightness", "irradiance")
-    # The shipped latents are in half precision already, so the page gets them exactly.
+    # The bundled latents are in half precision already, so the page gets them exactly.
     np.testing.assert_array_equal(unpacked(column, "latents", "<f2"), history.latents[:, :, 0])
     probes = unpacked(column, "probes", "u1").reshape(-1, 9, 33) / 255
     np.testing.assert_allclose(probes, history.probes[:, :, ::2], atol=0.5001 / 255)
-    expected = list(latent_figures(history.latents[20].astype(float)).values())
+    expected = list(latent_statistics(history.latents[20].astype(float)).values())
     np.testing.assert_allclose(unpacked(column, "figures", "<f4")[20], expected, rtol=1e-6)
 
 
@@ -67,15 +67,26 @@ def test_latents_all_at_one_place_have_infinite_kl() -> None:
     assert np.isinf(unpacked(EpochPlayer({"a": history})._columns[0], "figures", "<f4")[1, 2])
 
 
+def test_epoch_starts_at_the_last_and_is_heard_and_linked() -> None:
+    player = EpochPlayer({"a": made_up(4), "b": made_up(9)})
+    assert player.epoch == 9
+    heard = []
+    player.observe(lambda change: heard.append(change["new"]), "epoch")
+    player.set_state({"epoch": 3, "_page_moves": [player._python_moves, 1]})
+    slider = ipywidgets.IntSlider(min=1, max=9)
+    ipywidgets.link((slider, "value"), (player, "epoch"))
+    slider.value = 7
+    assert heard[0] == 3
+    assert heard[-1] == player.epoch == 7
+    for wrong in (0, 2.5, "3"):
+        with pytest.raises(InputError, match=f"epoch={wrong!r}.* use a whole number from 1"):
+            player.epoch = wrong
+
+
 def test_a_saved_notebook_can_still_play() -> None:
     data = EpochPlayer({"a": made_up()})._repr_mimebundle_()[0]
     assert data["text/plain"] == "EpochPlayer(a)"
     assert data["text/html"].startswith("<iframe")
-
-
-def test_front_end_needs_nothing_from_elsewhere() -> None:
-    assert "import " not in EpochPlayer._esm
-    assert "http" not in EpochPlayer._esm + EpochPlayer._css
 
 
 def with_nan() -> History:

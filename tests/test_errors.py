@@ -7,28 +7,26 @@ import numpy as np
 import pytest
 
 import crfbench
-from crfbench import curves, metrics
+from crfbench import camera, curves, metrics
 from crfbench.calibration.likelihood import Noise
 from crfbench.calibration.table import decode_table
-from crfbench.camera import calibrate_chart, calibrate_exposures
-from crfbench.charts import pair_photographs
-from crfbench.charts.geometry import as_corners
+from crfbench.camera import Passport, merge_series, pair_photographs, render_series
+from crfbench.camera.series import sample_series
 from crfbench.curves import GRID
-from crfbench.datasets.folds import grouped_folds, near_copies
+from crfbench.datasets.chart import as_corners
+from crfbench.datasets.responses import grouped_folds, near_copies
 from crfbench.errors import InputError
 from crfbench.history import load_history
 from crfbench.models import SLR, EMoR, Gamma, Prior, load_model
-from crfbench.passport.passport import Passport
+from crfbench.paper.stability import stability_table
 from crfbench.search.space import SearchSpace
-from crfbench.search.strategies import Halving, Optuna, Random
-from crfbench.series import merge_series, sample_series
-from crfbench.synthetic import render_chart, render_series
-from crfbench.tables.stability import stability_table
-from crfbench.training import Recipe
+from crfbench.search.strategies import halving, optuna, random
+from crfbench.training import TrainingConfig
 
 RGB = np.stack([GRID**2, GRID, GRID**0.5])
 SEEN = crfbench.Observations([[0.2, 0.5, 0.8], [0.3, 0.7, 0.97]], reference=[27, 112.7, 328.3])
-GAMMA = load_model("Gamma")
+GAMMA = load_model("Gamma-1")
+SPACE = SearchSpace()
 SERIES = [np.full((8, 8), level, np.uint8) for level in (50, 100)]
 
 NO_NUMBERS = [None, "abc", np.full(1024, "0.5"), GRID + 1j, [[1.0], [1.0, 2.0]], np.array([object()]), {"a": 1}]
@@ -65,7 +63,6 @@ ARRAYS = {
     "sample_series exposures": lambda e: sample_series(SERIES, e),
     "merge_series exposures": lambda e: merge_series(SERIES, e, GRID),
     "stops": lambda stops: render_series(GRID, size=(4, 4), stops=stops),
-    "illuminant": lambda light: render_chart(GRID, size=(64, 48), illuminant=light),
 }
 
 #: Takes a number, 0 or more.
@@ -81,11 +78,11 @@ COUNTS = {
     "SLR n_params": lambda n: SLR((3,), n),
     "starts": lambda n: crfbench.calibrate(GAMMA, SEEN, "paper", starts=n),
     "n_folds": lambda n: grouped_folds(np.arange(5), n),
-    "Random n": Random,
-    "Halving rounds": Halving,
-    "batch": lambda n: Optuna(batch=n),
+    "random n": lambda n: random(SPACE, 500, {}, n),
+    "halving rounds": lambda n: halving(SPACE, 500, {}, n),
+    "batch": lambda n: optuna(SPACE, 500, {}, batch=n),
     "h1": lambda n: SearchSpace(h1=(n,)),
-    "epochs": lambda n: Recipe(epochs=n),
+    "epochs": lambda n: TrainingConfig(epochs=n),
     "thin count": load_history("ldl").thin,
     "size": lambda n: render_series(GRID, size=(n, 4)),
 }
@@ -96,11 +93,10 @@ SEEDS = {
     "prior seed": lambda seed: GAMMA.prior_.sample(3, seed),
     "calibrate seed": lambda seed: crfbench.calibrate(GAMMA, SEEN, seed=seed),
     "decode_table seed": lambda seed: decode_table(GAMMA, seed=seed),
-    "render_chart seed": lambda seed: render_chart(GRID, seed),
     "render_series seed": lambda seed: render_series(GRID, seed),
     "stability_table seed": lambda seed: stability_table(seed=seed),
-    "Random seed": lambda seed: Random(seed=seed),
-    "Recipe seed": lambda seed: Recipe(seed=seed),
+    "random seed": lambda seed: random(SPACE, 500, {}, seed=seed),
+    "TrainingConfig seed": lambda seed: TrainingConfig(seed=seed),
 }
 
 #: Takes one of some names as its one argument.
@@ -108,10 +104,10 @@ CHOICES = {
     "direction": curves.check_direction,
     "axis_labels direction": curves.axis_labels,
     "load_responses which": crfbench.load_responses,
-    "load_model (no|name)": load_model,
+    "load_model name": load_model,
     "fetch key": crfbench.fetch,
     "calibrate method": lambda method: crfbench.calibrate(GAMMA, SEEN, method),
-    "constraint": lambda name: Recipe(constraint=name),
+    "constraint": lambda name: TrainingConfig(constraint=name),
 }
 
 
@@ -133,7 +129,7 @@ def cases(table, values):
         *cases(CHOICES, ["sideways", "", None, 3, ["forward"]]),
     ],
 )
-def test_what_does_not_fit_gets_one_sentence(call, value, name):
+def test_a_bad_argument_gets_one_sentence(call, value, name):
     with pytest.raises(InputError) as caught:
         call(value)
     sentence = str(caught.value)
@@ -143,7 +139,7 @@ def test_what_does_not_fit_gets_one_sentence(call, value, name):
     assert "\n" not in sentence.rstrip()
 
 
-def test_a_selection_that_does_not_fit():
+def test_a_selection_that_is_out_of_range():
     responses = crfbench.load_responses("opencrf")
     for which in ([151], [0.5], "a", None, [True], [[0], [1, 2]]):
         with pytest.raises(InputError, match=r"which=.* use a mask of 151 or whole numbers below 151"):
@@ -192,12 +188,12 @@ def test_numbers_of_any_kind_are_taken():
 
 
 def test_paths_may_be_text(tmp_path):
-    assert pair_photographs(str(tmp_path)).pairs == []
-    for call in (calibrate_chart, calibrate_exposures):
+    assert pair_photographs(str(tmp_path))[0] == []
+    for chart in ("auto", "none"):
         with pytest.raises(InputError, match="there is no nowhere; use a folder"):
-            call("nowhere")
+            camera.calibrate("nowhere", chart)
         with pytest.raises(InputError, match="there is no photograph"):
-            call(str(tmp_path))
+            camera.calibrate(str(tmp_path), chart)
     path = str(tmp_path / "a.safetensors")
     SLR((3,)).save(path)
     assert SLR.load(path).hidden == (3,)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from crfbench.datasets import load_opencrf
-from crfbench.datasets.folds import group_labels, grouped_folds
+from crfbench.datasets.responses import group_labels, grouped_folds
 from crfbench.errors import FormatError, MissingDataError
 from crfbench.metrics import rmse
 from crfbench.models import EMoR

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crfbench.curves import GRID
-from crfbench.datasets.folds import group_labels, grouped_folds, near_copies
-from crfbench.datasets.responses import load_opencrf
+from crfbench.datasets.responses import group_labels, grouped_folds, load_opencrf, near_copies
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 

@@ -1,14 +1,20 @@
-"""Importing crfbench is light, and what it promises is there."""
+"""Importing crfbench is light, what it promises is there, and the notebooks need nothing else."""
 
+import ast
 import json
 import subprocess
 import sys
 
+import nbformat
 import pytest
 
 import crfbench
+from crfbench.files import bundled
 
 HEAVY = ("torch", "cv2", "rawpy", "matplotlib", "pandas", "scipy", "IPython", "ipywidgets")
+
+
+ROOMS = ("crfbench.camera", "crfbench.paper", "crfbench.plots", "crfbench.widgets")
 
 
 def modules_after(code):
@@ -29,8 +35,25 @@ def test_fitting_a_model_needs_no_torch_opencv_or_matplotlib():
     assert not {"torch", "cv2", "rawpy", "matplotlib"} & set(loaded)
 
 
+def test_a_widget_loads_no_room_beside_its_own():
+    loaded = modules_after("from crfbench.widgets import LatentExplorer")
+    assert not {"torch", "cv2", "rawpy", "matplotlib"} & set(loaded)
+    assert [name for name in loaded if name.startswith(("crfbench.camera", "crfbench.paper", "crfbench.search"))] == []
+
+
 def test_every_public_name_is_there():
     assert set(crfbench.__all__) <= set(dir(crfbench))
     assert all(getattr(crfbench, name) is not None for name in crfbench.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'Gama'; it has"):
         crfbench.Gama  # noqa: B018
+
+
+@pytest.mark.parametrize("path", sorted(bundled("notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_import_from_the_door_and_its_rooms_only(path):
+    cells = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    code = "\n".join(line for cell in cells for line in cell.splitlines() if not line.startswith(("%", "!")))
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Import):
+            assert [name.name for name in node.names if name.name.startswith("crfbench.")] == []
+        if isinstance(node, ast.ImportFrom) and node.module.startswith("crfbench."):
+            assert node.module in ROOMS, f"from {node.module} import {node.names[0].name}"

@@ -34,5 +34,5 @@ def test_environment_and_data_tables():
     assert {"numpy", "jupyterlab", "anywidget"} <= set(environment["package"])
     assert "torch" not in set(environment["package"])
     data = lab.data_table().set_index("key")
-    assert data.loc["opencrf", "present"] == "shipped"
+    assert data.loc["opencrf", "present"] == "bundled"
     assert "where" not in data

@@ -2,16 +2,20 @@
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
+import ipywidgets
 import numpy as np
 import pytest
 
 from crfbench.curves import GRID
 from crfbench.datasets import Responses, load_opencrf
 from crfbench.errors import InputError
+from crfbench.models import ModelKey, load_model, pretrained_models
 from crfbench.models.slr import SLR
 from crfbench.widgets import LatentExplorer
 from crfbench.widgets.page import page
@@ -21,16 +25,16 @@ OPENCRF = load_opencrf()
 
 def model(constraint: str = "", data: str = "dorf", **options) -> SLR:
     slr = SLR(hidden=(6, 4), **{"direction": "inverse", **options})
-    slr.card_ = {"constraint": constraint, "data": data} if constraint else {}
+    slr.metadata_ = {"constraint": constraint, "data": data} if constraint else {}
     return slr
 
 
 MODELS = {
-    "ldl-1-inverse": model("ldl"),
-    "ldl-1-forward": model("ldl", direction="forward"),
-    "ldl-3-inverse": model("ldl", n_latent=3),
-    "monotone-1-inverse": model("ldl", monotone=True),
-    "open-1-inverse": model("ldl", "opencrf", monotone=True, seed=1),
+    "SLR-ldl-1": model("ldl"),
+    "SLR-ldl-1-forward": model("ldl", direction="forward"),
+    "SLR-ldl-3": model("ldl", n_latent=3),
+    "SLR-monotone-1": model("ldl", monotone=True),
+    "SLR-open-1": model("ldl", "opencrf", monotone=True, seed=1),
 }
 
 
@@ -49,48 +53,64 @@ def facets(explorer: LatentExplorer) -> dict[str, list[str]]:
 
 
 def test_starts_with_the_first_model_at_zero(explorer: LatentExplorer) -> None:
-    assert explorer.model_name == "ldl-1-inverse"
-    assert explorer.model is MODELS["ldl-1-inverse"]
-    assert explorer.latent == (0.0,)
+    assert explorer.model == "SLR-ldl-1"
+    assert explorer.latent == 0.0
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_curve_is_the_decoded_latent(explorer: LatentExplorer, name: str) -> None:
-    explorer.model_name = name
-    explorer.latent = np.linspace(-1.5, 7, explorer.model.n_params)
-    np.testing.assert_array_equal(explorer.curve, MODELS[name].decode(explorer.latent))
+    explorer.model = name
+    explorer.latent = np.linspace(-1.5, 7, MODELS[name].n_params)
+    np.testing.assert_array_equal(explorer.curve, MODELS[name].decode(np.atleast_1d(explorer.latent)))
     assert explorer.curve.shape == (1024,)
 
 
-def test_one_latent_may_be_a_plain_number(explorer: LatentExplorer) -> None:
-    explorer.latent = -2
-    assert explorer.latent == (-2.0,)
+def test_one_latent_is_a_plain_number_and_several_are_a_tuple(explorer: LatentExplorer) -> None:
+    for given in (-2, [-2], np.array([-2.0])):
+        explorer.latent = given
+        assert explorer.latent == -2.0
+    explorer.model = "SLR-ldl-3"
+    explorer.latent = [1, 2, 3]
+    assert explorer.latent == (1.0, 2.0, 3.0)
 
 
-def test_the_page_moves_the_latent(explorer: LatentExplorer) -> None:
-    explorer.set_state({"_shown": {**explorer._shown, "model": "ldl-3-inverse", "latent": [0.5, 0, -1]}})
-    assert explorer.latent == (0.5, 0.0, -1.0)
-    assert explorer.model is MODELS["ldl-3-inverse"]
+def test_the_page_moves_the_latent_and_observers_hear_of_it(explorer: LatentExplorer) -> None:
+    heard = []
+    explorer.observe(lambda change: heard.append((change["name"], change["new"])), ["model", "latent"])
+    explorer.set_state({"model": "SLR-ldl-3", "latent": [0.5, 0, -1], "_page_moves": [explorer._python_moves, 1]})
+    assert (explorer.model, explorer.latent) == ("SLR-ldl-3", (0.5, 0.0, -1.0))
+    assert sorted(heard) == [("latent", (0.5, 0.0, -1.0)), ("model", "SLR-ldl-3")]
 
 
 def test_what_the_page_sent_before_python_spoke_is_refused(explorer: LatentExplorer) -> None:
-    before = explorer._shown
+    before = explorer._python_moves
     explorer.latent = -3
-    explorer.set_state({"_shown": {**before, "latent": [1.0]}})
-    assert explorer.latent == (-3.0,)
-    explorer.set_state({"_shown": {**explorer._shown, "latent": [1.0]}})
-    assert explorer.latent == (1.0,)
+    explorer.set_state({"latent": 1, "_page_moves": [before, 1]})
+    assert explorer.latent == -3.0
+    explorer.set_state({"latent": 1, "_page_moves": [explorer._python_moves, 2]})
+    assert explorer.latent == 1.0
+    explorer.set_state({"latent": 2})  # of a linked slider, which knows nothing of moves
+    assert explorer.latent == 2.0
+
+
+def test_links_with_a_slider_go_both_ways(explorer: LatentExplorer) -> None:
+    slider = ipywidgets.FloatSlider(min=-4, max=4)
+    ipywidgets.link((slider, "value"), (explorer, "latent"))
+    slider.value = 1.5
+    assert explorer.latent == 1.5
+    explorer.latent = -0.5
+    assert slider.value == -0.5
 
 
 def test_a_model_of_as_many_latents_keeps_them(explorer: LatentExplorer) -> None:
     explorer.latent = 1.25
-    explorer.model = MODELS["open-1-inverse"]
-    assert (explorer.model_name, explorer.latent) == ("open-1-inverse", (1.25,))
-    explorer.model_name = "ldl-3-inverse"
+    explorer.model = "SLR-open-1"
+    assert (explorer.model, explorer.latent) == ("SLR-open-1", 1.25)
+    explorer.model = "SLR-ldl-3"
     assert explorer.latent == (0.0, 0.0, 0.0)
 
 
-def test_models_are_told_apart_by_their_cards(explorer: LatentExplorer) -> None:
+def test_models_are_told_apart_by_their_metadata(explorer: LatentExplorer) -> None:
     assert facets(explorer) == {
         "Constraint": ["LDL"] * 5,
         "Latents": ["1", "1", "3", "1", "1"],
@@ -100,15 +120,26 @@ def test_models_are_told_apart_by_their_cards(explorer: LatentExplorer) -> None:
     }
 
 
-def test_models_with_equal_cards_are_told_apart_by_name() -> None:
+def test_models_with_equal_metadata_are_told_apart_by_name() -> None:
     seeds = LatentExplorer({"seed 0": model("aae"), "seed 1": model("aae", seed=1)})
     assert facets(seeds)["Name"] == ["seed 0", "seed 1"]
 
 
-def test_a_sequence_is_named_by_cards() -> None:
+def test_a_sequence_is_named_by_metadata() -> None:
     models = [model("vae"), model("vae", n_latent=3), model("ldl", monotone=True, direction="forward"), model()]
-    names = ["vae-1-inverse", "vae-3-inverse", "ldl-monotone-1-forward", "untrained-1-inverse"]
-    assert [entry["name"] for entry in LatentExplorer(models)._choices["models"]] == names
+    assert list(LatentExplorer(models).models) == [
+        "SLR-vae-1",
+        "SLR-vae-3",
+        "SLR-monotone-1-forward",
+        "SLR-untrained-1",
+    ]
+
+
+def test_models_are_found_by_name() -> None:
+    named = LatentExplorer(["slr-LDL-1", ModelKey.parse("SLR-open-1-forward"), model("vae")])
+    assert list(named.models) == ["SLR-ldl-1", "SLR-open-1-forward", "SLR-vae-1"]
+    alone = LatentExplorer("SLR-ldl-3")
+    np.testing.assert_array_equal(alone.curve, load_model("SLR-ldl-3").decode(np.zeros(3)))
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -130,9 +161,9 @@ def test_measured_curves_reach_the_page_thinned(explorer: LatentExplorer) -> Non
     assert LatentExplorer([model()])._choices["curves"] is None
 
 
-@pytest.mark.parametrize("name", ["ldl-1-inverse", "ldl-1-forward"])
+@pytest.mark.parametrize("name", ["SLR-ldl-1", "SLR-ldl-1-forward"])
 def test_csv(explorer: LatentExplorer, tmp_path: Path, name: str) -> None:
-    explorer.model_name = name
+    explorer.model = name
     explorer.to_csv(tmp_path / "new" / "curve.csv")
     header, *rows = (tmp_path / "new" / "curve.csv").read_text().splitlines()
     table = np.array([row.split(",") for row in rows], dtype=float)
@@ -161,8 +192,8 @@ def test_page_holds_the_state_and_asks_for_nothing(explorer: LatentExplorer, tmp
     assert "http://" not in html
     assert "https://" not in html
     state = content(html)["state"]
-    assert set(state) == {"_choices", "_shown"}
-    assert (state["_shown"]["model"], state["_shown"]["latent"]) == ("ldl-1-inverse", [0.75])
+    assert set(state) == {"_choices", "_page_moves", "_python_moves", "latent", "model"}
+    assert (state["model"], state["latent"]) == ("SLR-ldl-1", 0.75)
     assert [entry["name"] for entry in state["_choices"]["models"]] == list(MODELS)
 
 
@@ -171,7 +202,7 @@ def test_page_escapes_what_users_write() -> None:
     html = page(LatentExplorer({name: model()}), f"{name} & $title")
     assert "<script>alert" not in html
     assert "&lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;${x} &amp; $title</title>" in html
-    assert content(html)["state"]["_shown"]["model"] == name
+    assert content(html)["state"]["model"] == name
 
 
 def test_curves_without_a_licence_stay_out_of_pages(tmp_path: Path) -> None:
@@ -183,61 +214,74 @@ def test_curves_without_a_licence_stay_out_of_pages(tmp_path: Path) -> None:
     assert state["_choices"]["curves"]["inverse"]["names"] == ["b"]
     columns[-1] = ("unknown", "unknown")
     explorer = LatentExplorer([model()], Responses("closed", [GRID**0.5, GRID**0.7], *columns))
-    assert content(page(explorer, "", explorer._public(explorer._models)))["state"]["_choices"]["curves"] is None
+    assert content(page(explorer, "", explorer._public(explorer.models)))["state"]["_choices"]["curves"] is None
 
 
 def test_notebook_keeps_a_page_of_the_shown_model(explorer: LatentExplorer) -> None:
-    explorer.model_name = "ldl-3-inverse"
+    explorer.model = "SLR-ldl-3"
     data, _ = explorer._repr_mimebundle_()
     assert set(data) == {"text/plain", "text/html", "application/vnd.jupyter.widget-view+json"}
     assert data["text/html"].startswith("<iframe srcdoc=")
     assert data["text/html"].endswith("latent=(0.0, 0.0, 0.0)): run this cell to see it.</iframe>")
-    assert "&quot;ldl-3-inverse&quot;" in data["text/html"]
-    assert "&quot;open-1-inverse&quot;" not in data["text/html"]
+    assert "&quot;SLR-ldl-3&quot;" in data["text/html"]
+    assert "&quot;SLR-open-1&quot;" not in data["text/html"]
 
 
 def test_repr_is_the_same_every_time(explorer: LatentExplorer) -> None:
     explorer.latent = 0.3
-    assert repr(explorer) == "LatentExplorer(model='ldl-1-inverse', latent=(0.3,))"
+    assert repr(explorer) == "LatentExplorer(model='SLR-ldl-1', latent=0.3)"
     assert explorer._repr_mimebundle_()[0]["text/plain"] == repr(explorer)
-
-
-def test_front_end_needs_nothing_from_elsewhere() -> None:
-    assert "import " not in LatentExplorer._esm
-    assert "http" not in LatentExplorer._esm + LatentExplorer._css
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda e: setattr(e, "latent", (1.0, 2.0)), r"latent=\(1.0, 2.0\) does not fit; use 1 finite numbers"),
-        (lambda e: setattr(e, "latent", np.nan), "latent=nan does not fit"),
+        (
+            lambda e: setattr(e, "latent", (1.0, 2.0)),
+            r"latent=\(1.0, 2.0\) is not valid .*; use 1 finite number$",
+        ),
+        (lambda e: setattr(e, "latent", np.nan), "latent=nan is not valid"),
         (lambda e: setattr(e, "latent", "far"), "latent='far' holds text"),
-        (lambda e: setattr(e, "model_name", "ldl"), "model_name='ldl' is not here; use one of ldl-1-inverse, ldl-1-f"),
-        (lambda e: setattr(e, "model_name", ["ldl-1-inverse"]), "is not here"),
-        (lambda e: setattr(e, "model", SLR()), r"model=SLR\(.*\) is not among those given; use one of ldl-1-inverse"),
+        (lambda e: setattr(e, "model", "ldl"), "model='ldl' is not .*; use one of SLR-ldl-1, SLR-ldl-1-forward"),
+        (lambda e: setattr(e, "model", ["SLR-ldl-1"]), "use one of SLR-ldl-1"),
     ],
 )
 def test_bad_values_are_refused_and_change_nothing(
     explorer: LatentExplorer, change: Callable[[LatentExplorer], None], message: str
 ) -> None:
-    shown = dict(explorer._shown)
+    shown = (explorer.model, explorer.latent)
     with pytest.raises(InputError, match=message):
         change(explorer)
-    assert explorer._shown == shown
+    assert (explorer.model, explorer.latent) == shown
 
 
-@pytest.mark.parametrize("models", [[], {}, [model(), model(seed=1)]])
-def test_models_that_cannot_be_shown(models: list | dict) -> None:
-    with pytest.raises(InputError, match="use one or more, and a mapping where their cards agree"):
+@pytest.mark.parametrize(
+    ("models", "message"),
+    [
+        ([], "use one or more"),
+        ({}, "use one or more"),
+        ([model(), model(seed=1)], "equal names; use one or more, and a mapping to name them"),
+        ("GGCM-3", "has no latent; use one such as 'SLR-ldl-1'"),
+        ("SLR-ldl-7", "no model 'SLR-ldl-7' is bundled"),
+    ],
+)
+def test_models_that_cannot_be_shown(models: list | dict | str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         LatentExplorer(models)
 
 
-def test_shipped_models_start_with_ldl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from crfbench.models import weights
+def test_pretrained_models_start_with_ldl_and_keep_their_names() -> None:
+    first, *others = LatentExplorer.pretrained().models.items()
+    assert first[0] == "SLR-ldl-1"
+    assert sorted([first[0], *(name for name, _ in others)]) == sorted(map(str, pretrained_models()))
+    # Given without their names, they get the same ones.
+    assert set(LatentExplorer([first[1], *(slr for _, slr in others)]).models) == {first[0], *dict(others)}
 
-    monkeypatch.setattr(weights, "shipped", lambda name: tmp_path)
-    for name in ("auc-1-inverse", "ldl-1-inverse"):
-        MODELS["ldl-1-inverse"].save(tmp_path / f"{name}.safetensors")
-    explorer = LatentExplorer.shipped()
-    assert [entry["name"] for entry in explorer._choices["models"]] == ["ldl-1-inverse", "auc-1-inverse"]
+
+def test_only_what_it_needs_is_loaded() -> None:
+    code = "import sys; from crfbench.widgets import LatentExplorer; LatentExplorer('SLR-ldl-1'); print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    heavy = ("torch", "pandas", "matplotlib", "cv2", "crfbench.paper", "crfbench.camera", "crfbench.search")
+    assert [name for name in loaded if name.startswith(heavy)] == []
+    ours = {name.rpartition(".")[2] for name in loaded if name.startswith("crfbench.widgets.")}
+    assert ours == {"assets", "latent_explorer", "page", "traits"}

@@ -1,7 +1,6 @@
-"""What observations refuse, with what words; what they derive from colours; part of them; and the shipped models."""
+"""What observations refuse, with what words; what they derive from colours; and part of them."""
 
 import re
-import zipfile
 
 import numpy as np
 import pytest
@@ -9,12 +8,9 @@ import pytest
 from crfbench.calibration import Noise, Observations, calibrate
 from crfbench.calibration.observations import colour_error
 from crfbench.curves import GRID
-from crfbench.errors import FormatError, InputError
+from crfbench.errors import InputError
 from crfbench.metrics import rmse
-from crfbench.models import EMoR, Gamma, load_model, ready
-from crfbench.models.ready import LEARNED
-from crfbench.models.weights import shipped_weights
-from crfbench.resources import shipped
+from crfbench.models import load_model
 
 BRIGHTNESS = np.array([[0.2, 0.4, 0.6], [0.3, 0.5, 0.7]])
 REFERENCE = np.array([1.0, 2.0, 3.0])
@@ -148,84 +144,11 @@ def test_a_slight_colour_is_off_by_what_the_second_order_says():
     ],
 )
 def test_what_is_just_allowed_fits(given):
-    assert np.isfinite(calibrate(load_model("Gamma"), Observations(BRIGHTNESS, **given)).curves).all()
-
-
-# --- the models that are shipped ready to calibrate with
-
-CLASSICAL = [("Gamma", 1), ("PPISP", 4), *((name, k) for name in ("Polynomial", "GGCM", "EMoR") for k in (1, 2, 3, 4))]
-NETWORKS = [name.rsplit("-", 2) for name in shipped_weights()]
-
-
-@pytest.mark.parametrize(
-    ("name", "k", "direction"),
-    [(name, k, direction) for name, k in CLASSICAL for direction in ("forward", "inverse")]
-    + [(f"SLR-{name}", int(k), direction) for name, k, direction in NETWORKS],
-)
-def test_every_shipped_model_loads_with_a_prior_of_plausible_curves(name, k, direction):
-    model = load_model(name, k, direction)
-    assert (model.n_params, model.direction) == (k, direction)
-    assert model.prior_.mean.shape == (k,)
-    assert (np.linalg.eigvalsh(model.prior_.covariance) > 0).all()
-    middle = model.decode(model.from_free(model.prior_.mean))
-    assert abs(middle[512] - (0.7 if direction == "forward" else 0.3)) < 0.2
-    assert middle[512] > middle[100]
-    assert middle[900] > middle[512]
-
-
-@pytest.mark.parametrize(
-    ("name", "k", "message"),
-    [
-        ("Spline", 3, r"'Spline' with 3 parameters .*EMoR \(1, 2, 3, 4\), .*Gamma \(1\), .*SLR-ldl \(1, 3\)"),
-        ("Gamma", 2, r"'Gamma' with 2 parameters .*Gamma \(1\)"),
-        ("EMoR", 5, r"'EMoR' with 5 parameters .*EMoR \(1, 2, 3, 4\)"),
-        ("SLR-unheard", 1, "unheard-1-inverse.*ldl-1-inverse"),
-        ("SLR-ldl", 2, "ldl-2-inverse.*ldl-3-inverse"),
-    ],
-)
-def test_models_that_are_not_shipped_are_refused_with_a_list(name, k, message):
-    with pytest.raises(InputError, match=message):
-        load_model(name, k)
-    with pytest.raises(InputError, match="sideways"):
-        load_model(name, k, "sideways")
-
-
-@pytest.mark.parametrize("damage", ["truncated", "emptied", "bytes", "another archive"])
-def test_a_damaged_file_of_priors_is_told(damage, tmp_path, monkeypatch):
-    content = shipped(LEARNED).read_bytes()
-    path = tmp_path / "priors.npz"
-    if damage == "another archive":
-        with zipfile.ZipFile(path, "w") as archive:
-            archive.writestr("Gamma-1-inverse.mean.npy", b"none")
-    else:
-        half = len(content) // 2
-        path.write_bytes({"truncated": content[:half], "emptied": b"", "bytes": b"\0" * half}[damage])
-    monkeypatch.setattr(ready, "shipped", lambda name: path)
-    with pytest.raises(FormatError, match=r"dorf_priors\.npz is damaged.*install crfbench again"):
-        load_model("Gamma")
-
-
-@pytest.mark.dorf
-def test_shipped_priors_are_those_of_the_dorf_curves(dorf_curves):
-    for direction in ("forward", "inverse"):
-        curves = dorf_curves.in_direction(direction)
-        for name, k in CLASSICAL:
-            model = load_model(name, k, direction)
-            learned = type(model).from_curves(curves, k, direction).learn_prior(curves).prior_
-            scale = np.sqrt(np.diagonal(learned.covariance))
-            assert np.allclose(model.prior_.mean, learned.mean, atol=1e-3 * scale.max())
-            assert np.allclose(model.prior_.covariance, learned.covariance, rtol=1e-2, atol=1e-3 * scale.max() ** 2)
-        basis = EMoR.from_curves(curves, 4, direction)
-        assert np.allclose(load_model("EMoR", 4, direction).components_, basis.components_, atol=1e-6)
-        assert np.allclose(load_model("EMoR", 4, direction).mean_, basis.mean_, atol=1e-6)
-
-
-def test_a_prior_is_the_only_thing_learned_for_gamma():
-    assert np.array_equal(load_model("Gamma").decode([[2.0]]), Gamma("inverse").decode([[2.0]]))
+    assert np.isfinite(calibrate(load_model("Gamma-1"), Observations(BRIGHTNESS, **given)).curves).all()
 
 
 def test_an_absolute_reference_tells_the_scale_too():
-    model = load_model("EMoR", 3)
+    model = load_model("EMoR-3")
     truth = model.decode([[0.4, -0.1, 0.02]])[0]
     irradiance = np.array([0.01, 0.03, 0.08, 0.15])  # the lower end only: without the scale, many curves would do
     brightness = np.interp(irradiance * 2.0 ** np.array([[0.0], [1.0]]), truth, GRID)

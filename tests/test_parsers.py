@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import build_patches
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -16,17 +17,17 @@ from hypothesis import strategies as st
 from safetensors.numpy import save
 
 from crfbench import cli
-from crfbench.charts import load_labels, save_labels
-from crfbench.datasets import dorf, emor_basis, middlebury, opencrf
+from crfbench.camera.formats import FORMATS, decode
+from crfbench.camera.passport import Passport
+from crfbench.datasets import dorf, responses
+from crfbench.datasets.chart import load_labels, save_labels
 from crfbench.errors import CrfbenchError, FormatError
 from crfbench.history import History
-from crfbench.models import SLR, ready, weights
-from crfbench.models.weights import read_weights
-from crfbench.passport.formats import FORMATS, decode
-from crfbench.passport.passport import Passport
-from crfbench.search.journal import Journal
-from crfbench.search.outcome import Outcome
-from crfbench.tables.recorded import load_recorded
+from crfbench.models import SLR, registry, slr
+from crfbench.models.slr import read_weights
+from crfbench.paper.results import load_recorded
+from crfbench.search.result import Journal
+from crfbench.search.space import Outcome
 
 CURVE = np.linspace(0.0, 1.0, 1024) ** 2
 
@@ -72,8 +73,8 @@ def write_journal(path: Path) -> None:
 
 PARSERS = {
     "DoRF text": Parser(write_dorf, lambda path: dorf.parse_dorf_text(path.read_text(encoding="latin-1"))),
-    "EMoR": Parser(write_emor, lambda path: emor_basis.parse_emor(path.read_text(encoding="latin-1"))),
-    "boxes": Parser(write_boxes, lambda path: middlebury.parse_boxes(path.read_text(encoding="latin-1"), 600, 400)),
+    "EMoR": Parser(write_emor, lambda path: dorf.parse_emor(path.read_text(encoding="latin-1"))),
+    "boxes": Parser(write_boxes, lambda path: build_patches.parse_boxes(path.read_text(encoding="latin-1"), 600, 400)),
     "weights": Parser(lambda path: SLR((2,)).save(path), read_weights),
     "history": Parser(write_history, History.load),
     "record": Parser(write_recorded, lambda path: load_recorded(path.stem, path.parent)),
@@ -134,20 +135,20 @@ def test_any_bytes_give_a_value_or_an_error_of_ours(folder, name, data):
 
 
 @pytest.mark.parametrize("card", ["", "no JSON", "[" * 5000, "[1]", "{}"])
-def test_weights_with_a_card_of_another_kind_are_refused(folder, card):
+def test_weights_with_metadata_of_another_kind_are_refused(folder, card):
     arrays = {"latents": np.zeros((2, 1), np.float32)}
-    metadata = {"format": weights.FORMAT, "card": card, "sha256": weights._checksum(card, arrays)}
+    metadata = {"format": slr.FORMAT, "card": card, "sha256": slr._checksum(card, arrays)}
     (folder / "card.safetensors").write_bytes(save(arrays, metadata))
     with pytest.raises(CrfbenchError, match="lacks latents or one of"):
         read_weights(folder / "card.safetensors")
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04 cut"])
-def test_a_damaged_shipped_file_asks_for_another_install(monkeypatch, folder, content):
-    path = folder / "shipped.npz"
+def test_a_damaged_bundled_file_asks_for_another_install(monkeypatch, folder, content):
+    path = folder / "bundled.npz"
     path.write_bytes(content)
-    for module, load in ((opencrf, opencrf.load_opencrf), (ready, lambda: ready.load_model("Gamma"))):
-        monkeypatch.setattr(module, "shipped", lambda name: path)
+    for module, load in ((responses, responses.load_opencrf), (registry, lambda: registry.load_model("Gamma-1"))):
+        monkeypatch.setattr(module, "bundled", lambda name: path)
         with pytest.raises(CrfbenchError, match="install crfbench again"):
             load()
 
@@ -156,7 +157,7 @@ def test_a_file_that_is_no_journal_is_left_as_it_is(folder):
     path = folder / "photograph.jpg"
     for content in (b"\xff\xd8 without a line", b"first\nsecond, cut", b'{"rows": []}\n{"x'):
         path.write_bytes(content)
-        with pytest.raises(CrfbenchError, match="no journal of a search"):
+        with pytest.raises(CrfbenchError, match="is not a journal of a search"):
             Journal(path, {"seed": 0})
         assert path.read_bytes() == content
 

@@ -13,8 +13,7 @@ from crfbench.paper import report
 from crfbench.paper.claims import claims_table, verdict_counts
 from crfbench.paper.figures import plot_against_paper
 from crfbench.paper.findings import does_not_follow, holds
-from crfbench.paper.results import leaderboard
-from crfbench.paper.results import load_results
+from crfbench.paper.results import leaderboard, load_results
 
 VOID = {"meta", "wbr", "br", "path", "use", "rect"}
 

@@ -7,8 +7,9 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,25 +18,22 @@ from hypothesis import strategies as st
 
 from crfbench.curves import GRID
 from crfbench.datasets import load_opencrf
-from crfbench.errors import FormatError, InputError
+from crfbench.errors import FormatError, InputError, WorkerError
 from crfbench.metrics import mse
-from crfbench.search.journal import Journal
-from crfbench.search.outcome import Outcome
-from crfbench.search.result import COLUMNS, SearchResult, architecture, mark_choice, pareto_front, tabulate
-from crfbench.search.space import SearchSpace, complexity
-from crfbench.search.strategies import STRATEGIES, Halving, Random, Trial, find_strategy
-from crfbench.tables.recorded import load_recorded
-from crfbench.widgets.search_explorer import SearchExplorer
+from crfbench.paper.results import load_recorded
+from crfbench.search.result import COLUMNS, Journal, SearchResult, architecture, mark_choice, pareto_front, tabulate
+from crfbench.search.space import Outcome, SearchSpace, Trial, complexity
+from crfbench.search.strategies import STRATEGIES, find_strategy, halving, optuna, random
 
 torch = pytest.importorskip("torch", reason="PyTorch is absent: pip install 'crfbench[train]'")
 
-from crfbench.search import naive_search  # noqa: E402
-from crfbench.search.run import N_FOLDS, Plan, deal_folds, search_recipe, work  # noqa: E402
+from crfbench.search import search_architectures  # noqa: E402
+from crfbench.search.run import BLOCKS, N_FOLDS, make_folds, pack, search_config, work  # noqa: E402
 from crfbench.search.stacked import Stack, StackedNetworks, initial_trainer, train_stack  # noqa: E402
-from crfbench.training import Autoencoder, Recipe  # noqa: E402
+from crfbench.training import Autoencoder, TrainingConfig  # noqa: E402
 
 SMALL = SearchSpace(h1=(5, 10), h2=(0, 5), h3=(0, 4))  # 6 candidates
-RECIPE = Recipe(epochs=20, learning_rate=1e-3, smoothness=0.0)  # the loss falls at every step
+CONFIG = TrainingConfig(epochs=20, learning_rate=1e-3, smoothness=0.0)  # the loss falls at every step
 widths = st.lists(st.integers(1, 600), min_size=1, max_size=3).map(tuple)
 
 
@@ -104,11 +102,11 @@ def test_complexity_against_pytorch(hidden, k):
 # ---- stacked training
 
 
-def plain(curves, folds, hidden, recipe):
+def plain(curves, folds, hidden, config):
     errors = []
     for fold in range(N_FOLDS):
-        trainer = initial_trainer(curves[folds != fold], "inverse", replace(recipe, hidden=hidden))
-        for _ in range(recipe.epochs):
+        trainer = initial_trainer(curves[folds != fold], "inverse", replace(config, hidden=hidden))
+        for _ in range(config.epochs):
             trainer.epoch()
         held_out = curves[folds == fold]
         errors.append(mse(trainer.model().decode(trainer.model().encode(held_out)), held_out).mean())
@@ -117,30 +115,30 @@ def plain(curves, folds, hidden, recipe):
 
 @pytest.mark.parametrize("hidden", [(7,), (10, 4), (8, 5, 6)])
 def test_without_thinning_stacked_is_the_plain_loop(curves, responses, hidden):
-    folds = deal_folds(responses, "random", 0)
+    folds = make_folds(responses, "random", 0)
     wider = tuple(width + 3 for width in hidden)  # so that the candidate is padded
-    outcome = train_stack(Stack(curves, "inverse", folds, (hidden, wider), RECIPE, 1024))[0]
+    outcome = train_stack(Stack(curves, "inverse", folds, (hidden, wider), CONFIG, 1024))[0]
     assert outcome.hidden == hidden
-    np.testing.assert_allclose(outcome.mse, plain(curves, folds, hidden, RECIPE), rtol=2e-4)
+    np.testing.assert_allclose(outcome.mse, plain(curves, folds, hidden, CONFIG), rtol=2e-4)
 
 
 def test_thinning_changes_little(curves, responses):
-    folds = deal_folds(responses, "random", 0)
-    stack = Stack(curves, "inverse", folds, ((10, 4),), replace(RECIPE, epochs=60, learning_rate=5e-4), 1024)
+    folds = make_folds(responses, "random", 0)
+    stack = Stack(curves, "inverse", folds, ((10, 4),), replace(CONFIG, epochs=60, learning_rate=5e-4), 1024)
     full, thin = train_stack(stack)[0], train_stack(replace(stack, blocks=128))[0]
     np.testing.assert_allclose(thin.mse, full.mse, rtol=0.03)
     np.testing.assert_allclose(thin.rmse, full.rmse, rtol=0.03)
 
 
 def test_a_candidate_is_the_same_in_any_company(curves, responses):
-    folds = deal_folds(responses, "random", 0)
-    alone = train_stack(Stack(curves, "inverse", folds, ((6, 5),), RECIPE, 64))[0]
-    among = train_stack(Stack(curves, "inverse", folds, ((6, 3), (6, 5), (6, 9)), RECIPE, 64))[1]
+    folds = make_folds(responses, "random", 0)
+    alone = train_stack(Stack(curves, "inverse", folds, ((6, 5),), CONFIG, 64))[0]
+    among = train_stack(Stack(curves, "inverse", folds, ((6, 3), (6, 5), (6, 9)), CONFIG, 64))[1]
     np.testing.assert_allclose(among.mse, alone.mse, rtol=2e-4)
 
 
 def test_padding_stays_zero(curves, responses):
-    stack = Stack(curves, "inverse", deal_folds(responses, "random", 0), ((3, 2), (6, 5)), RECIPE, 64)
+    stack = Stack(curves, "inverse", make_folds(responses, "random", 0), ((3, 2), (6, 5)), CONFIG, 64)
     networks = StackedNetworks(stack)
     for _ in range(5):
         networks.epoch()
@@ -151,31 +149,31 @@ def test_padding_stays_zero(curves, responses):
 
 def test_unequal_folds_are_weighed_by_their_own_curves(curves, responses):
     folds = np.repeat([0, 1, 2], [5, 10, 15])
-    recipe = replace(RECIPE, learning_rate=2e-4)
-    outcome = train_stack(Stack(curves, "inverse", folds, ((6,),), recipe, 1024))[0]
-    np.testing.assert_allclose(outcome.mse, plain(curves, folds, (6,), recipe), rtol=2e-4)
+    config = replace(CONFIG, learning_rate=2e-4)
+    outcome = train_stack(Stack(curves, "inverse", folds, ((6,),), config, 1024))[0]
+    np.testing.assert_allclose(outcome.mse, plain(curves, folds, (6,), config), rtol=2e-4)
 
 
 # ---- folds and packing
 
 
 def test_random_folds_are_even_and_follow_the_seed(responses):
-    folds = deal_folds(responses, "random", 3)
+    folds = make_folds(responses, "random", 3)
     assert np.bincount(folds).tolist() == [10, 10, 10]
-    assert (folds == deal_folds(responses, "random", 3)).all()
-    assert (folds != deal_folds(responses, "random", 4)).any()
+    assert (folds == make_folds(responses, "random", 3)).all()
+    assert (folds != make_folds(responses, "random", 4)).any()
 
 
 def test_grouped_folds_part_no_unit(responses):
-    folds = deal_folds(responses, "grouped", 0)
+    folds = make_folds(responses, "grouped", 0)
     units = np.array(responses.units)
     assert all(len(set(folds[units == unit])) == 1 for unit in set(units))
     assert set(folds) == {0, 1, 2}
 
 
 def test_every_trial_is_packed_once_with_its_like_and_the_long_ones_first(curves, responses):
-    plan = Plan(curves, "inverse", deal_folds(responses, "random", 0), 0)
-    stacks = plan.stacks([Trial(hidden, 100) for hidden in SearchSpace()])
+    base = Stack(curves, "inverse", make_folds(responses, "random", 0), (), CONFIG, BLOCKS)
+    stacks = pack([Trial(hidden, 100) for hidden in SearchSpace()], base)
     assert sorted(hidden for stack in stacks for hidden in stack.hidden) == sorted(SearchSpace())
     for stack in stacks:
         assert len({(len(hidden), hidden[:-1] or hidden) for hidden in stack.hidden}) == 1
@@ -230,14 +228,14 @@ def test_every_strategy_keeps_the_contract(name):
         pytest.importorskip("optuna", reason="Optuna is absent: pip install 'crfbench[optuna]'")
     strategy, space = find_strategy(name), SearchSpace(h1=(10, 20, 50), h2=(0, 10), h3=(0, 5))
     done, rounds = {}, 0
-    while new := [t for t in strategy.propose(space, 90, dict(done)) if t not in done]:
-        assert new == [t for t in strategy.propose(space, 90, dict(done)) if t not in done]
+    while new := [t for t in strategy(space, 90, dict(done)) if t not in done]:
+        assert new == [t for t in strategy(space, 90, dict(done)) if t not in done]
         assert {trial.hidden for trial in new} <= set(space)
         assert len(set(new)) == len(new)
         # A round that was interrupted half way goes on with the rest of it.
         half = {trial: float(complexity(trial.hidden)) for trial in new[: len(new) // 2]}
         if name != "optuna":
-            assert [t for t in strategy.propose(space, 90, done | half) if t not in done | half] == new[len(half) :]
+            assert [t for t in strategy(space, 90, done | half) if t not in done | half] == new[len(half) :]
         done |= {trial: float(complexity(trial.hidden)) for trial in new}
         rounds += 1
         assert rounds < 20
@@ -247,7 +245,7 @@ def test_every_strategy_keeps_the_contract(name):
 def test_halving_keeps_the_best_third():
     space, done = SearchSpace(h1=tuple(range(10, 100, 10)), h2=(0,), h3=(0,)), {}
     sizes = []
-    while new := [t for t in Halving(3, 3).propose(space, 90, done) if t not in done]:
+    while new := [t for t in halving(space, 90, done) if t not in done]:
         sizes.append((len(new), new[0].epochs))
         done |= {trial: -float(trial.hidden[0]) for trial in new}
     assert sizes == [(9, 10), (3, 30), (1, 90)]
@@ -256,21 +254,38 @@ def test_halving_keeps_the_best_third():
 
 @pytest.mark.parametrize("wrong", ["best", 3, None])
 def test_unknown_strategies_name_those_there_are(wrong):
-    with pytest.raises(InputError, match="use one of grid, random, halving, optuna or an object"):
+    with pytest.raises(InputError, match="use one of grid, random, halving, optuna or a function"):
         find_strategy(wrong)
 
 
-@pytest.mark.parametrize("make", [lambda: Random(0), lambda: Halving(0), lambda: Halving(2, 1)])
-def test_impossible_strategies_are_refused(make):
+@pytest.mark.parametrize(
+    ("strategy", "wrong"),
+    [
+        (random, {"n": 0}),
+        (halving, {"rounds": 0}),
+        (halving, {"factor": 1}),
+        (optuna, {"batch": 0}),
+        (optuna, {"n": 0}),
+    ],
+)
+def test_impossible_options_of_strategies_are_refused(strategy, wrong):
     with pytest.raises(InputError, match="; use"):
-        make()
+        strategy(SearchSpace(), 90, {}, **wrong)
+
+
+def test_a_strategy_of_ones_own_is_any_function(responses, pool):
+    def widest(space, epochs, done):
+        return [Trial(max(space), epochs)]
+
+    for strategy in (widest, partial(random, n=1)):
+        assert len(search_architectures(responses, SMALL, 1, strategy, epochs=1, executor=pool).table) == 1
 
 
 # ---- the search
 
 
 def test_search_by_grid(responses, pool, tmp_path):
-    result = naive_search(responses, SMALL, m=3, epochs=5, executor=pool, journal=tmp_path / "j.jsonl")
+    result = search_architectures(responses, SMALL, m=3, epochs=5, executor=pool, journal=tmp_path / "j.jsonl")
     table = result.table
     assert len(table) == len(SMALL) == 6
     assert table["mse"].is_monotonic_increasing
@@ -282,8 +297,8 @@ def test_search_by_grid(responses, pool, tmp_path):
 
 def test_search_by_halving_and_by_optuna(responses, pool):
     pytest.importorskip("optuna", reason="Optuna is absent: pip install 'crfbench[optuna]'")
-    assert naive_search(responses, SMALL, 1, "halving", epochs=12, executor=pool).table["epochs"].iloc[0] == 12
-    assert len(naive_search(responses, SMALL, 1, "optuna", epochs=2, executor=pool).table) == 6
+    assert search_architectures(responses, SMALL, 1, "halving", epochs=12, executor=pool).table["epochs"].iloc[0] == 12
+    assert len(search_architectures(responses, SMALL, 1, "optuna", epochs=2, executor=pool).table) == 6
 
 
 def test_a_second_call_trains_nothing_again(responses, pool, tmp_path):
@@ -292,40 +307,40 @@ def test_a_second_call_trains_nothing_again(responses, pool, tmp_path):
             raise AssertionError("nothing should be left to train")
 
     path = tmp_path / "j.jsonl"
-    first = naive_search(responses, SMALL, epochs=2, executor=pool, journal=path)
-    again = naive_search(responses, SMALL, epochs=2, executor=Refusing(), journal=path)
+    first = search_architectures(responses, SMALL, epochs=2, executor=pool, journal=path)
+    again = search_architectures(responses, SMALL, epochs=2, executor=Refusing(), journal=path)
     assert again.table.equals(first.table)
 
 
 def test_directions_folds_and_seeds_are_different_searches(responses, pool, tmp_path):
-    naive_search(responses, SMALL, epochs=1, executor=pool, journal=tmp_path / "j")
+    search_architectures(responses, SMALL, epochs=1, executor=pool, journal=tmp_path / "j")
     for other in ({"direction": "forward"}, {"folds": "grouped"}, {"seed": 1}):
         with pytest.raises(InputError, match=r"j belongs to a search with .*; use another journal"):
-            naive_search(responses, SMALL, epochs=1, executor=pool, journal=tmp_path / "j", **other)
+            search_architectures(responses, SMALL, epochs=1, executor=pool, journal=tmp_path / "j", **other)
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"m": 0}, "m=0 does not fit"),
+        ({"m": 0}, "m=0 is out of range"),
         ({"folds": "odd"}, "use one of random, grouped"),
-        ({"direction": "up"}, "use 'forward' or 'inverse'"),
+        ({"direction": "up"}, "use one of forward, inverse"),
         ({"strategy": "best"}, "use one of grid"),
-        ({"epochs": 0}, "epochs=0 does not fit"),
+        ({"epochs": 0}, "epochs=0 is out of range"),
     ],
 )
 def test_wrong_arguments_are_refused(responses, pool, wrong, message):
     with pytest.raises(InputError, match=message):
-        naive_search(responses, SMALL, executor=pool, **wrong)
+        search_architectures(responses, SMALL, executor=pool, **wrong)
 
 
 def test_too_few_curves_are_refused(responses, pool):
     with pytest.raises(InputError, match="5 responses are too few"):
-        naive_search(responses.select(range(5)), SMALL, executor=pool)
+        search_architectures(responses.select(range(5)), SMALL, executor=pool)
 
 
 def test_progress_tells_the_time_left(responses, pool, capsys):
-    naive_search(responses, SMALL, epochs=2, executor=pool, progress=True)
+    search_architectures(responses, SMALL, epochs=2, executor=pool, progress=True)
     shown = capsys.readouterr().err
     assert "6 of 6 architectures" in shown
     assert "left]" in shown
@@ -355,37 +370,37 @@ class Interrupted(ThreadPoolExecutor):
 def test_ctrl_c_keeps_what_is_done_and_cancels_the_rest(responses, pool, tmp_path):
     path = tmp_path / "j.jsonl"
     with Interrupted(1) as executor, pytest.raises(KeyboardInterrupt):
-        naive_search(responses, SMALL, epochs=2, executor=executor, journal=path)
+        search_architectures(responses, SMALL, epochs=2, executor=executor, journal=path)
     assert all(future.cancelled() for future in executor.waiting[1:])
-    whole = naive_search(responses, SMALL, epochs=2, executor=pool, journal=path).table
+    whole = search_architectures(responses, SMALL, epochs=2, executor=pool, journal=path).table
     assert whole.drop(columns="seconds").equals(
-        naive_search(responses, SMALL, epochs=2, executor=pool).table.drop(columns="seconds")
+        search_architectures(responses, SMALL, epochs=2, executor=pool).table.drop(columns="seconds")
     )
 
 
 SCRIPT = """
-from pathlib import Path
 import sys
-from crfbench.datasets import load_opencrf
-from crfbench.search import SearchSpace, naive_search
-
-if __name__ == "__main__":
-    space = SearchSpace(h1=tuple(range(5, 65)), h2=(0,), h3=(0,))
-    naive_search(load_opencrf().select(range(30)), space, epochs=300, journal=Path(sys.argv[1]))
+from crfbench import load_responses, search_architectures
+from crfbench.search import SearchSpace
+responses, space = load_responses("opencrf").select(range(30)), SearchSpace(h1=tuple(range(5, 65)), h2=(0,), h3=(0,))
+search_architectures(responses, space, epochs=300, journal=sys.argv[1])
 """
 
 
 def start_script(tmp_path):
-    (tmp_path / "script.py").write_text(SCRIPT)
-    path = tmp_path / "journal.jsonl"
-    process = subprocess.Popen([sys.executable, tmp_path / "script.py", path], stderr=subprocess.PIPE, text=True)
-    end = time.monotonic() + 60
-    while time.monotonic() < end and process.poll() is None:
-        if path.exists() and path.read_bytes().count(b"\n") >= 4:
-            return process, path
+    """Run the script from stdin, wait until three results are on the disk, and return process, journal and workers."""
+    path, script = tmp_path / "journal.jsonl", tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    with script.open() as stdin:
+        process = subprocess.Popen(
+            [sys.executable, "-", path], stdin=stdin, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+    while not (path.exists() and path.read_bytes().count(b"\n") >= 4):
+        assert process.poll() is None, f"no results came: {process.stderr.read()[-2000:]}"
         time.sleep(0.05)
-    process.kill()
-    pytest.fail(f"no results came: {process.communicate()[1][-2000:]}")
+    workers = children(process.pid)
+    assert len(workers) >= 1
+    return process, path, workers
 
 
 def children(pid):
@@ -394,30 +409,50 @@ def children(pid):
 
 
 def alive(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return (
-        "Z" not in subprocess.run(["ps", "-o", "stat=", str(pid)], capture_output=True, text=True, check=False).stdout
-    )
+    shown = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False).stdout
+    return bool(shown.strip()) and "Z" not in shown
 
 
-@pytest.mark.parametrize("sign", ["SIGKILL"])
-def test_an_end_in_the_middle_loses_nothing_and_leaves_no_process(tmp_path, sign):
-    process, path = start_script(tmp_path)
-    workers = children(process.pid)
-    assert len(workers) >= 1
-    process.send_signal(getattr(signal, sign))
-    process.communicate(timeout=60)
-    end = time.monotonic() + 60
-    while any(map(alive, workers)) and time.monotonic() < end:
+def stop(process, workers, sign):
+    """Send a signal to the process, as Ctrl-C to its group, and wait until the last of its workers has ended."""
+    send = os.killpg if sign == signal.SIGINT else os.kill
+    send(process.pid, sign)
+    told = process.communicate()[1]
+    while any(map(alive, workers)):
         time.sleep(0.05)
-    assert not any(map(alive, workers))
+    return told
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+def test_an_end_in_the_middle_loses_nothing_and_leaves_no_process(tmp_path, sign):
+    process, path, workers = start_script(tmp_path)
+    told = stop(process, workers, sign)
+    assert sign == signal.SIGKILL or (told.count("Traceback") == 1 and told.endswith("KeyboardInterrupt\n"))
     held = [line for line in path.read_bytes().splitlines(keepends=True) if line.endswith(b"\n")]
     assert len(held) >= 4
     settings_ = json.loads(held[0])["settings"]
     assert [outcome.epochs for outcome in Journal(path, settings_).outcomes] == [300] * (len(held) - 1)
+
+
+def test_a_worker_that_crashes_is_told_as_what_it_is(responses):
+    class Crashing(ThreadPoolExecutor):
+        def submit(self, *args, **kwargs):
+            future: Future = Future()
+            future.set_exception(BrokenExecutor("killed. Perhaps by its lack of memory."))
+            return future
+
+    with pytest.raises(WorkerError, match=r"did not start or ended by itself \(killed\); use the same journal"):
+        search_architectures(responses, SMALL, epochs=1, executor=Crashing())
+
+
+def test_a_worker_that_cannot_start_is_told_as_what_it_is():
+    code = (
+        "import sys; from crfbench import load_responses, search_architectures; sys.executable = 'nowhere'; "
+        "search_architectures(load_responses('opencrf').select(range(30)), m=1, epochs=1)"
+    )
+    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert failed.returncode == 1
+    assert "WorkerError: a worker of the search did not start or ended by itself" in failed.stderr
 
 
 def test_a_damaged_last_line_is_cut_off(tmp_path):
@@ -447,7 +482,7 @@ def test_a_journal_cut_anywhere_opens_again(tmp_path_factory, cut):
 def test_other_files_are_no_journals_and_stay_as_they_are(tmp_path, content):
     path = tmp_path / "other"
     path.write_bytes(content)
-    with pytest.raises(FormatError, match="other is no journal of a search"):
+    with pytest.raises(FormatError, match="other is not a journal of a search"):
         Journal(path, {})
     assert path.read_bytes() == content
 
@@ -457,24 +492,25 @@ def test_other_files_are_no_journals_and_stay_as_they_are(tmp_path, content):
 
 def test_threads_do(responses):
     with ThreadPoolExecutor(2) as executor:
-        table = naive_search(responses, SMALL, epochs=2, executor=executor).table
+        table = search_architectures(responses, SMALL, epochs=2, executor=executor).table
     assert len(table) == 6
     assert threading.active_count() < 20
 
 
+@pytest.mark.slow
 def test_dask_workers_do(responses, pool):
     distributed = pytest.importorskip("distributed", reason="dask is absent: pip install 'crfbench[cluster]'")
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster,
         distributed.Client(cluster) as client,
     ):
-        table = naive_search(responses, SMALL, epochs=2, executor=client.get_executor()).table
-    here = naive_search(responses, SMALL, epochs=2, executor=pool).table
+        table = search_architectures(responses, SMALL, epochs=2, executor=client.get_executor()).table
+    here = search_architectures(responses, SMALL, epochs=2, executor=pool).table
     assert table.drop(columns="seconds").equals(here.drop(columns="seconds"))
 
 
 def test_wide_candidates_take_smaller_steps():
-    rates = [search_recipe((width,)).learning_rate for width in (10, 50, 200, 500)]
+    rates = [search_config((width,)).learning_rate for width in (10, 50, 200, 500)]
     assert rates[0] == rates[1] == 2 * rates[2] > rates[3]
 
 
@@ -484,7 +520,7 @@ def test_curves_may_be_any_valid_ones(pool):
     gammas = np.stack([GRID**g for g in np.linspace(0.4, 2.4, 9)])
     labels = tuple(f"g{i}" for i in range(9))
     responses = Responses("gammas", gammas, labels, labels, labels, labels, labels)
-    result = naive_search(responses, SMALL, m=1, direction="forward", folds="grouped", epochs=60, executor=pool)
+    result = search_architectures(responses, SMALL, m=1, direction="forward", folds="grouped", epochs=60, executor=pool)
     assert result.table["mse"].iloc[0] < 0.03
 
 
@@ -493,53 +529,15 @@ def test_looking_at_results_needs_no_torch():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
 
-# ---- the recorded search and what shows it
-
-
-@pytest.fixture
-def table():
-    figures = {(50,): 1.1, (10,): 1.3, (20,): 1.2, (100,): 1.0, (10, 10): 2.0}
-    return tabulate(outcomes(figures))
-
-
-def test_explorer_chooses_as_the_table_does(table):
-    explorer = SearchExplorer(table, m=1)
-    assert [(explorer.m, explorer.chosen)] == [(1, (100,))]
-    assert explorer.focus == (100,)
-    explorer.m = 4
-    assert explorer.chosen == (10,)
-    explorer.focus = (10, 10)
-    assert explorer._row == 4
-    assert repr(explorer) == "SearchExplorer(5 candidates, m=4, chosen=(10,))"
-
-
-def test_explorer_keeps_each_bar_with_its_candidate(table):
-    shuffled = table.sample(frac=1, random_state=0).reset_index(drop=True)
-    explorer = SearchExplorer(shuffled, spread=shuffled["complexity"], m=2)
-    assert all(candidate["bar"] == candidate["complexity"] for candidate in explorer._candidates)
-    assert [candidate["mse"] for candidate in explorer._candidates] == sorted(table["mse"])
-
-
-@pytest.mark.parametrize("m", [0, 6, 1.5, True, "2"])
-def test_explorer_refuses_an_m_that_is_no_number_of_candidates(table, m):
-    with pytest.raises(InputError, match="use a whole number from 1 to 5"):
-        SearchExplorer(table, m)
-
-
-def test_explorer_refuses_other_tables_spreads_and_candidates(table):
-    with pytest.raises(InputError, match=r"lacks \['rank'\]"):
-        SearchExplorer(table.drop(columns="rank"))
-    with pytest.raises(InputError, match="use one a candidate"):
-        SearchExplorer(table, spread=[1.0])
-    with pytest.raises(InputError, match=r"focus=\(3,\) is no candidate"):
-        SearchExplorer(table, m=1).focus = (3,)
+# ---- the recorded search
 
 
 @pytest.mark.dorf
 def test_one_recorded_candidate_is_recomputed(dorf_curves):
     recorded, _ = load_recorded("search_dorf")
     assert len(recorded) == 156
-    plan = Plan(dorf_curves.in_direction("inverse"), "inverse", deal_folds(dorf_curves, "random", 0), 0)
-    (stack,) = plan.stacks([Trial((20,), 500)])
+    curves = dorf_curves.in_direction("inverse").astype(np.float32)
+    base = Stack(curves, "inverse", make_folds(dorf_curves, "random", 0), (), replace(CONFIG, seed=0), BLOCKS)
+    (stack,) = pack([Trial((20,), 500)], base)
     row = recorded.query("h1 == 20 and h2 == 0").iloc[0]
     assert np.mean(train_stack(stack)[0].mse) == pytest.approx(row["mse"], rel=0.02)

@@ -17,7 +17,7 @@ from bs4 import BeautifulSoup
 
 import crfbench
 from crfbench.metrics import rmse
-from crfbench.models import Gamma
+from crfbench.models import Gamma, ModelKey
 
 LOADING = {"img", "script", "iframe", "source", "video", "audio", "embed", "object"}
 
@@ -177,7 +177,7 @@ def test_widgets_live_or_say_what_they_need(site, pages):
 
 def test_floors_are_those_of_pyproject(site, pages):
     floors = draw_floors.floors_of_the_package()
-    assert [floors[0], floors[-1]] == [["cli"], ["errors"]]
+    assert [floors[0], floors[-1]] == [["__main__"], ["errors"]]
     boxes = [link["href"] for link in pages[site / "floors.html"].all("a") if "api/crfbench/" in link["href"]]
     assert boxes == [f"api/crfbench/{name}.html" for floor in floors for name in floor]
 
@@ -201,8 +201,8 @@ def test_the_model_passes_the_contract_of_all_models(example, direction):
     kind, k = example["Bend"], 1
     curves = test_models.TRAIN[direction][test_models.SAMPLE]
     model = kind.from_curves(curves, k, direction).learn_prior(curves)
-    drawn = model.from_free(model.prior_.sample(40, seed=5))
-    given = {"model": model, "drawn": drawn, "kind": kind, "k": k, "direction": direction}
+    drawn = model.sample(40, seed=5)
+    given = {"model": model, "drawn": drawn, "key": ModelKey("Bend", "", k, direction), "k": k, "direction": direction}
     contract = [check for name, check in vars(test_models.TestContract).items() if name.startswith("test_")]
     assert len(contract) >= 5
     for check in contract:
@@ -218,6 +218,6 @@ def test_the_model_does_what_the_page_says(example):
 
 
 def test_the_page_says_where_models_are_listed(site, pages):
-    assert "crfbench/models/table.py" in (site / "own-model.html").read_text(encoding="utf-8")
-    assert "MODELS: dict" in inspect.getsource(crfbench.models.table)
+    assert "crfbench/models/registry.py" in (site / "own-model.html").read_text(encoding="utf-8")
+    assert "MODELS: dict" in inspect.getsource(crfbench.models.registry)
     assert pages[site / "own-model.html"].codes[2].strip().splitlines()[-1].startswith("Bend: (1,),")

@@ -13,7 +13,7 @@ from crfbench.curves import as_valid_curves
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.metrics import nonmonotone, off_endpoints, rmse
 from crfbench.models import SLR, ModelKey, load_model, pretrained_models
-from crfbench.models.weights import read_weights, save_weights
+from crfbench.models.slr import read_weights, save_weights
 
 
 def test_the_promised_networks_are_bundled():

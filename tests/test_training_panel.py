@@ -12,7 +12,7 @@ from crfbench.constraints import CONSTRAINTS as TRAINABLE
 from crfbench.datasets import load_opencrf
 from crfbench.errors import InputError
 from crfbench.history import load_history
-from crfbench.training import RECIPES, Recipe, Trainer, train
+from crfbench.training import CONFIGS, Trainer, TrainingConfig, train
 from crfbench.widgets import EpochPlayer, TrainingPanel
 from crfbench.widgets.training_panel import CONSTRAINTS
 
@@ -53,22 +53,22 @@ def test_says_what_it_trains_on(panel: TrainingPanel) -> None:
 def test_trains_as_train_does_and_adds_to_the_player(panel: TrainingPanel, constraint: str, direction: str) -> None:
     panel.start(constraint, seed=5, epochs=8, direction=direction)
     panel.wait()
-    recipe = Recipe(**{**RECIPES[f"{constraint.lower()}-1"].__dict__, "seed": 5, "epochs": 8})
-    model, history = train(RESPONSES.in_direction(direction), direction, recipe)
+    config = TrainingConfig(**{**CONFIGS[f"SLR-{constraint.lower()}-1"].__dict__, "seed": 5, "epochs": 8})
+    model, history = train(RESPONSES.in_direction(direction), direction, config)
     assert all(np.array_equal(model.weights_[name], panel.model.weights_[name]) for name in model.weights_)
     np.testing.assert_array_equal(history.latents, panel.history.latents)
-    assert (panel.model.direction, panel.model.card_["data"]) == (direction, "opencrf")
+    assert (panel.model.direction, panel.model.metadata_["data"]) == (direction, "opencrf")
     name = f"{constraint}, seed 5" + (", forward" if direction == "forward" else "")
     assert panel.player.histories[name] is panel.history
     assert panel.status == f"Trained {name}: 8 epochs; it is in the player now."
-    assert (panel._shown["training"], panel._shown["epoch"], panel._shown["epochs"]) == (False, 8, 8)
+    assert (panel.running, panel._progress["epoch"], panel._progress["epochs"]) == (False, 8, 8)
 
 
 def test_the_page_starts_and_stops_and_what_was_trained_is_kept(panel: TrainingPanel) -> None:
     send(panel, kind="start", constraint="LDL", seed=1, epochs=5000, direction="inverse")
-    wait_until(lambda: panel._shown["epoch"] > 2)
-    shown = panel._shown
-    assert shown["training"]
+    wait_until(lambda: panel._progress["epoch"] > 2)
+    shown = panel._progress
+    assert panel.running
     assert shown["left"].endswith(" s")
     assert len(np.frombuffer(shown["live"]["latents"], "<f2")) == 13
     send(panel, kind="stop")
@@ -80,7 +80,7 @@ def test_the_page_starts_and_stops_and_what_was_trained_is_kept(panel: TrainingP
 
 def test_updates_are_some_ten_a_second(panel: TrainingPanel) -> None:
     seen: list[float] = []
-    panel.observe(lambda change: seen.append(time.monotonic()), "_shown")
+    panel.observe(lambda change: seen.append(time.monotonic()), "_progress")
     panel.start("LDL", epochs=150)
     panel.wait()
     assert 3 <= len(seen) <= 10 * (seen[-1] - seen[0]) + 4
@@ -89,7 +89,7 @@ def test_updates_are_some_ten_a_second(panel: TrainingPanel) -> None:
 def test_one_training_at_a_time(panel: TrainingPanel) -> None:
     other = TrainingPanel(panel.player, RESPONSES)
     other.start("LDL", epochs=5000)
-    wait_until(lambda: other._shown["epoch"] > 0)
+    wait_until(lambda: other._progress["epoch"] > 0)
     panel.start("AUC", epochs=3)
     assert not other.running
     panel.wait()
@@ -125,19 +125,19 @@ def test_interrupting_the_wait_stops_the_training(panel: TrainingPanel, monkeypa
     ("change", "message"),
     [
         ({"constraint": "GAN"}, "constraint='GAN' is not known; use one of LDL, AUC, AAE, VAE, baseline"),
-        ({"seed": -1}, "seed=-1 does not fit; use a whole number from 0 to"),
-        ({"epochs": 0}, "epochs=0 does not fit; use a whole number from 1 to 5000"),
+        ({"seed": -1}, "seed=-1 is out of range; use a whole number from 0 to"),
+        ({"epochs": 0}, "epochs=0 is out of range; use a whole number from 1 to 5000"),
         ({"epochs": 5001}, "epochs=5001"),
         ({"epochs": None}, "epochs=None"),
         ({"epochs": 2.5}, "epochs=2.5"),
         ({"direction": "up"}, "direction='up' is not known"),
     ],
 )
-def test_bad_wishes_are_refused_in_a_sentence(panel: TrainingPanel, change: dict, message: str) -> None:
-    wish = {"constraint": "LDL", "seed": 0, "epochs": 2, "direction": "inverse", **change}
+def test_bad_requests_are_refused_in_a_sentence(panel: TrainingPanel, change: dict, message: str) -> None:
+    request = {"constraint": "LDL", "seed": 0, "epochs": 2, "direction": "inverse", **change}
     with pytest.raises(InputError, match=message):
-        panel.start(**wish)
-    send(panel, kind="start", **wish)
+        panel.start(**request)
+    send(panel, kind="start", **request)
     assert panel.status.startswith(message)
     assert not panel.running
 
@@ -152,7 +152,7 @@ def test_without_pytorch_it_says_how_to_get_it(panel: TrainingPanel, monkeypatch
     panel.wait()
     assert panel.status == "Training needs PyTorch, which is not here: pip install 'crfbench[train]'"
     assert panel.history is None
-    assert not panel._shown["training"]
+    assert not panel.running
 
 
 def test_a_training_that_diverges_is_told_and_leaves_the_player_alone(

@@ -4,10 +4,10 @@ For patch p in photograph e, with g the inverse response and b the brightness,
 
     log g(b_ep) = log r_p + u_p + s_e + v_ep
 
-r_p is the reference and u_p its error, the same in all photographs; s_e is the exposure, free or known to some
+r_p is the reference and u_p its error, the same in all photographs; s_e is the exposure, unknown or known to some
 accuracy; v_ep is the error of the brightness. u and s are Gaussian, so they are eliminated in closed form. What remains
 is a quadratic form of the left side: the squared distance to the nearest irradiances that the scene could have had.
-Logarithms, because a residual in units of irradiance rewards curves that shrink everything.
+Logarithms are used because a residual in units of irradiance rewards curves that shrink everything.
 """
 
 from dataclasses import dataclass
@@ -25,6 +25,9 @@ _GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical respon
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _LEAST = 1e-6  # standard deviation; sums over known and unknown lose no digits that count
 _SHARPEST = 1e8  # precision of one log irradiance, for the same reason
+
+#: Which of the sets of observations arrays belong to.
+Sets = np.ndarray | slice
 
 
 @dataclass(frozen=True)
@@ -59,12 +62,9 @@ class Noise:
 
 
 class Likelihood:
-    """The likelihood of `n` sets of observations; every method takes arrays of shape (n, e, p, m).
+    """The likelihood of `n` sets of observations.
 
-    Parameters
-    ----------
-    observations : Observations
-    noise : Noise
+    The methods take arrays (m, e, p, k) for some of the sets, `sets`: k curves, or a residual and its derivatives.
     """
 
     def __init__(self, observations: Observations, noise: Noise) -> None:
@@ -74,6 +74,7 @@ class Likelihood:
         known = observations.reference is not None
         self.error = np.clip(observations.reference_error, _LEAST, _UNKNOWN) if known else _UNKNOWN
         self.offset = _offset(observations)
+        # Variance that is left of each patch's reference error u_p once its photographs have been seen.
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
         sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
         e = self.precision.shape[1]
@@ -82,7 +83,7 @@ class Likelihood:
         if observations.absolute:
             self._prior += np.full((e, e), 1.0 / e) / sigma**2
         self._inverse = np.linalg.inv(self._exposure_precision() + self._prior)
-        self.freedom = self._degrees(observations, counts)
+        self.freedom = self._degrees(observations)
         self.clip = self._clip(observations)
 
     def _exposure_precision(self) -> Array:
@@ -91,8 +92,9 @@ class Likelihood:
         own = np.eye(weighted.shape[1]) * self.precision.sum(axis=2)[:, None]
         return np.asarray(own - weighted @ np.swapaxes(self.precision, 1, 2))
 
-    def _degrees(self, observations: Observations, counts: np.ndarray) -> Array:
+    def _degrees(self, observations: Observations) -> Array:
         """Count the observations beyond those that the eliminated unknowns take up; at least 1."""
+        counts = observations.counts
         n = (counts * observations.weights).sum(axis=(1, 2))
         scales = counts.any(axis=2).sum(axis=1) if observations.exposures is None else 1 - observations.absolute
         patches = counts.any(axis=1).sum(axis=1) - 1 if observations.reference is None else 0
@@ -102,6 +104,7 @@ class Likelihood:
         """Return 1 / sigma of clipped patches that others give a scale to, negative for black ones, else 0."""
         counts = observations.counts
         told = observations.clipped & (observations.weights > 0)
+        # A photograph of unknown exposure that is all clipped says nothing, nor does a patch of unknown irradiance.
         if observations.exposures is None:
             told = told & counts.any(axis=2, keepdims=True)
         if observations.reference is None:
@@ -109,49 +112,45 @@ class Likelihood:
         sigma = np.sqrt(self.variance + np.broadcast_to(self.error, self._share.shape)[:, None] ** 2)
         return np.where(told, np.where(observations.brightness > 0.5, 1.0, -1.0) / sigma, 0.0)
 
-    def residual(self, g: Array, rows: np.ndarray | slice) -> Array:
+    def residual(self, g: Array, sets: Sets) -> Array:
         """Return log g minus the log irradiance that reference and exposure tell, for g of shape (m, e, p, k)."""
-        return np.log(np.maximum(g, DARKEST)) - self.offset[rows][..., None]
+        return np.log(np.maximum(g, DARKEST)) - self.offset[sets][..., None]
 
-    def squares(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
+    def squares(self, d: Array, sets: Sets) -> tuple[Array, Array]:
         """Return d^T M d, shape (m, k), and the exposures (m, e, k) of residuals (m, e, p, k).
 
         M is the precision of the residuals after the unknowns are eliminated.
         """
-        w = self.precision[rows]
+        w = self.precision[sets]
         weighted = w[..., None] * d
         by_patch = weighted.sum(axis=1)
         total = np.einsum("nepk,nepk->nk", weighted, d)
-        total -= np.einsum("npk,np,npk->nk", by_patch, self._share[rows], by_patch)
-        h = weighted.sum(axis=2) - w @ (self._share[rows][..., None] * by_patch)
-        exposures = self._inverse[rows] @ h
+        total -= np.einsum("npk,np,npk->nk", by_patch, self._share[sets], by_patch)
+        h = weighted.sum(axis=2) - w @ (self._share[sets][..., None] * by_patch)
+        exposures = self._inverse[sets] @ h
         return np.maximum(total - np.einsum("nek,nek->nk", h, exposures), 0.0), exposures
 
-    def products(self, d: Array, rows: np.ndarray | slice) -> tuple[Array, Array]:
+    def products(self, d: Array, sets: Sets) -> tuple[Array, Array]:
         """Return d^T M d between all columns, shape (m, k, k), and the exposures; see `squares`.
 
         A sum of squares: slower, but positive and smooth whatever the rounding.
         """
-        w = self.precision[rows][..., None]
-        exposures = self.squares(d, rows)[1]
+        w = self.precision[sets][..., None]
+        exposures = self.squares(d, sets)[1]
         rest = d - exposures[:, :, None]
-        errors = self._share[rows][..., None] * (w * rest).sum(axis=1)
+        errors = self._share[sets][..., None] * (w * rest).sum(axis=1)
         rest -= errors[:, None]
-        eliminated = errors / np.broadcast_to(self.error, self._share.shape)[rows][..., None]
+        eliminated = errors / np.broadcast_to(self.error, self._share.shape)[sets][..., None]
         product = np.einsum("mepi,mepj->mij", w * rest, rest) + np.swapaxes(eliminated, 1, 2) @ eliminated
         return product + np.swapaxes(exposures, 1, 2) @ self._prior @ exposures, exposures
 
-    def margins(self, d: Array, exposures: Array, rows: np.ndarray | slice) -> tuple[np.ndarray, Array]:
-        """Return by how many standard deviations each clipped patch lies beyond its brightness.
+    def margins(self, d: Array, exposures: Array, sets: Sets) -> tuple[np.ndarray, Array]:
+        """Return by how many standard deviations each clipped patch lies beyond its brightness, shape (c, k).
 
-        Returns
-        -------
-        owner : ndarray, shape (c,)
-            To which of the rows each clipped patch belongs.
-        margin : ndarray, shape (c, k)
-            Linear in `d`; the probability of what was seen is the normal distribution function of it.
+        Before it, which of the sets each belongs to, shape (c,). The margin is linear in `d`; the probability of what
+        was seen is the normal distribution function of it.
         """
-        clip = self.clip[rows]
+        clip = self.clip[sets]
         i, e, p = np.nonzero(clip)
         return i, (exposures[i, e] - d[i, e, p]) * clip[i, e, p][:, None]
 

@@ -43,12 +43,6 @@ class Observations:
     absolute : bool
         Whether reference x 2^exposure is irradiance in units of full scale, as RAW files tell it, so that the scale is
         known too. It needs both.
-
-    Raises
-    ------
-    InputError
-        For shapes that do not fit each other, values that are not finite or out of range, too few patches that
-        count, or patches that all look the same.
     """
 
     def __init__(
@@ -97,7 +91,7 @@ class Observations:
 
     @classmethod
     def from_rgb(cls, rgb: ArrayLike, reference: ArrayLike | None = None, **others: Any) -> Self:
-        """Observe intensities, the means of red, green and blue; coloured patches count for less.
+        """Observe intensities, the means of red, green and blue; coloured patches count for less (`colour_error`).
 
         Parameters
         ----------
@@ -106,15 +100,6 @@ class Observations:
         reference : array_like, shape (p,) or (n, p), optional
         **others
             Further parameters of `Observations`.
-
-        Raises
-        ------
-        InputError
-            For another shape, and as for `Observations`.
-
-        Notes
-        -----
-        `colour_error` is added to `reference_error`.
         """
         channels = as_finite("rgb", rgb)
         if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
@@ -123,23 +108,11 @@ class Observations:
         return cls(channels.mean(axis=-1), reference, **{"reference_error": error, **others})
 
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
-        """Keep some patches, by index from 0.
-
-        Raises
-        ------
-        InputError
-            For an index that is not there, and as for `Observations`.
-        """
-        chosen = np.asarray(patches)
-        p = self.brightness.shape[-1]
-        if (
-            chosen.ndim != 1
-            or chosen.dtype.kind not in "iu"
-            or not chosen.size
-            or chosen.min() < 0
-            or chosen.max() >= p
-        ):
-            raise InputError(f"patches={patches!r} do not fit; use one or more whole numbers from 0 to {p - 1}")
+        """Keep some patches, by index from 0."""
+        chosen, p = np.asarray(patches), self.brightness.shape[-1]
+        whole = chosen.ndim == 1 and chosen.dtype.kind in "iu" and chosen.size > 0
+        if not (whole and chosen.min() >= 0 and chosen.max() < p):
+            raise InputError(f"patches={patches!r} are out of range; use one or more whole numbers from 0 to {p - 1}")
         reference = None if self.reference is None else self.reference[:, chosen]
         return type(self)(
             self.brightness[..., chosen],
@@ -152,22 +125,22 @@ class Observations:
         )
 
     def _check_information(self) -> None:
+        """Refuse sets that tell nothing, naming the first of them."""
         if self.reference is None and self.exposures is None:
             raise InputError("neither reference nor exposures are given; use one of them, or both")
         counts = self.counts
-        if self.reference is None:
-            known = (counts.sum(axis=1) >= 2).any(axis=1)
-            if not known.all():
-                row = int(np.argmin(known))
-                raise InputError(f"no patch of observations {row} is unclipped in 2 photographs; use more exposures")
+        repeated = (counts.sum(axis=1) >= 2).any(axis=1)
+        if self.reference is None and not repeated.all():
+            row = int(np.argmin(repeated))
+            raise InputError(f"no patch of observations {row} is unclipped in 2 photographs; use more exposures")
         patches = counts.any(axis=1).sum(axis=1)
         if self.reference is not None and patches.min() < 2:
             row = int(np.argmin(patches))
             raise InputError(f"unclipped patches of observations {row}: {patches[row]}; use 2 or more")
         low = np.where(counts, self.brightness, np.inf).min(axis=(1, 2))
-        high = np.where(counts, self.brightness, -np.inf).max(axis=(1, 2))
-        if (high <= low).any():
-            row = int(np.argmax(high <= low))
+        same = np.where(counts, self.brightness, -np.inf).max(axis=(1, 2)) <= low
+        if same.any():
+            row = int(np.argmax(same))
             raise InputError(f"all patches of observations {row} have brightness {low[row]:g}; use patches that differ")
 
 
@@ -205,5 +178,5 @@ def _fit(name: str, array: NDArray, shape: tuple[int, ...]) -> NDArray:
         return np.broadcast_to(array, shape)
     except ValueError:
         raise InputError(
-            f"{name} has shape {array.shape}, which does not fit the brightness; use {shape} or what broadcasts to it"
+            f"{name} has shape {array.shape}, which the brightness does not have; use {shape} or what broadcasts to it"
         ) from None

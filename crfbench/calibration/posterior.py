@@ -1,17 +1,20 @@
-"""The log posterior of the free parameters: likelihood in log irradiance times the model's prior."""
+"""The posterior: likelihood in log irradiance times the model's prior, its samples, and the bands that they give."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import log_ndtr
 
 from crfbench.calibration.likelihood import DARKEST, Likelihood, Noise
-from crfbench.calibration.looked_up import looked_up
 from crfbench.calibration.observations import Observations
-from crfbench.calibration.table import Table, in_parts, learned_prior
-from crfbench.curves import Array, evaluate
+from crfbench.calibration.table import BAND_SAMPLES, Table, chunks, evaluate_with_gradient, learned_prior
+from crfbench.curves import GRID, Array, evaluate
 from crfbench.models import ResponseModel
 from crfbench.numerics import Objective
 
 _EVERY = slice(None)
+_DRAWS = 256  # for each calibration of a model with several parameters
+_WIDER = 1.4  # than the curvature at the maximum tells, for draws that are weighted afterwards
 
 
 class Posterior:
@@ -21,11 +24,6 @@ class Posterior:
     Gaussian: with S the quadratic form, nu = `noise.freedom` and n the effective number of observations,
 
         log p = -(n + nu) / 2 log(1 + S / nu) + sum of log Phi(margins of clipped patches) + log prior
-
-    Parameters
-    ----------
-    observations : Observations
-    noise : Noise
     """
 
     def __init__(self, observations: Observations, noise: Noise) -> None:
@@ -33,66 +31,66 @@ class Posterior:
         self.likelihood, self.noise = Likelihood(observations, noise), noise
         self.power = noise.independent * self.likelihood.freedom + noise.freedom
 
-    def log_likelihood(self, irradiance: np.ndarray, rows: slice = _EVERY) -> Array:
+    def log_likelihood(self, irradiance: np.ndarray, sets: slice = _EVERY) -> Array:
         """Return the log likelihood (m, t) of decoded irradiances (m, e, p, t) of some sets of observations."""
-        d = self.likelihood.residual(irradiance, rows)
-        squares, exposures = self.likelihood.squares(d, rows)
-        logs = -0.5 * self.power[rows, None] * np.log1p(self._scaled(squares))
-        owner, margin = self.likelihood.margins(d, exposures, rows)
+        d = self.likelihood.residual(irradiance, sets)
+        squares, exposures = self.likelihood.squares(d, sets)
+        logs = -0.5 * self.power[sets, None] * np.log1p(self.noise.independent * squares / self.noise.freedom)
+        owner, margin = self.likelihood.margins(d, exposures, sets)
         np.add.at(logs, owner, self.noise.independent * log_ndtr(margin))
         return logs
 
     def log_likelihood_on(self, table: Table) -> Array:
         """Return the log likelihood of every row of a table, shape (n, t)."""
         n, e, p = self.brightness.shape
-        parts = in_parts(n, e * p * len(table.free))
-        return np.concatenate([self.log_likelihood(table.at(self.brightness[rows]), rows) for rows in parts])
+        parts = chunks(n, e * p * len(table.params))
+        return np.concatenate([self.log_likelihood(table.at(self.brightness[sets]), sets) for sets in parts])
 
-    def objective(self, model: ResponseModel, owner: np.ndarray) -> Objective:
-        """Return minus twice the log posterior for `levenberg_marquardt`."""
+    def objective(self, model: ResponseModel) -> Objective:
+        """Return minus twice the log posterior of parameters (m, k) for sets of observations (m,)."""
         prior = learned_prior(model)
         precision = np.linalg.inv(prior.covariance)
 
-        def cost(free: Array, problems: np.ndarray) -> tuple[Array, Array, Array]:
-            value, curved, gradient = self._data_terms(model, free, owner[problems])
-            off = free - prior.mean
+        def cost(z: Array, sets: np.ndarray) -> tuple[Array, Array, Array]:
+            value, curved, gradient = self._data_terms(model, z, sets)
+            off = z - prior.mean
             value += np.einsum("mi,ij,mj->m", off, precision, off)
             return value, curved + precision, gradient + off @ precision
 
         return cost
 
-    def noise_scale(self, model: ResponseModel, free: Array) -> Array:
-        """Return by which factor the data scale the stated noise, shape (n,), given free parameters (n, k)."""
-        g = evaluate(model.decode(model.from_free(free)), self.brightness.reshape(len(free), -1))
+    def noise_scale(self, model: ResponseModel, z: Array) -> Array:
+        """Return by which factor the data scale the stated noise, shape (n,), given parameters (n, k)."""
+        g = evaluate(model.decode(model.from_unconstrained(z)), self.brightness.reshape(len(z), -1))
         g = g.reshape(self.brightness.shape)
         squares, _ = self.likelihood.squares(self.likelihood.residual(g[..., None], _EVERY), _EVERY)
         freedom = self.noise.independent * self.likelihood.freedom
         expected = self.noise.freedom + self.noise.independent * squares[:, 0]
         return np.sqrt(expected / (self.noise.freedom + freedom))
 
-    def _scaled(self, squares: Array) -> Array:
-        return self.noise.independent * squares / self.noise.freedom
-
-    def _data_terms(self, model: ResponseModel, free: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
+    def _data_terms(self, model: ResponseModel, z: Array, sets: np.ndarray) -> tuple[Array, Array, Array]:
         """Return minus twice the log likelihood, half its curvature and half its gradient."""
-        g, slope = looked_up(model, free, self.brightness[rows])
+        g, slope = evaluate_with_gradient(model, z, self.brightness[sets])
         slope = np.where(g[..., None] > DARKEST, slope / np.maximum(g, DARKEST)[..., None], 0.0)
         # One column is the residual, the others are its derivatives.
-        columns = np.concatenate([self.likelihood.residual(g[..., None], rows), slope], axis=3)
-        product, exposures = self.likelihood.products(columns, rows)
+        columns = np.concatenate([self.likelihood.residual(g[..., None], sets), slope], axis=3)
+        product, exposures = self.likelihood.products(columns, sets)
         squares = product[:, 0, 0]
-        share = self.power[rows] * self.noise.independent / (self.noise.freedom + self.noise.independent * squares)
-        value = self.power[rows] * np.log1p(self._scaled(squares))
+        # The slope of the logarithm: how much less a residual counts when all of them are large.
+        share = self.power[sets] * self.noise.independent / (self.noise.freedom + self.noise.independent * squares)
+        value = self.power[sets] * np.log1p(self.noise.independent * squares / self.noise.freedom)
         terms = value, share[:, None, None] * product[:, 1:, 1:], share[:, None] * product[:, 1:, 0]
-        return self._add_censored(terms, columns, exposures, rows)
+        return self._add_censored(terms, columns, exposures, sets)
 
     def _add_censored(
-        self, terms: tuple[Array, Array, Array], columns: Array, exposures: Array, rows: np.ndarray
+        self, terms: tuple[Array, Array, Array], columns: Array, exposures: Array, sets: np.ndarray
     ) -> tuple[Array, Array, Array]:
+        """Add what clipped patches say: only that they lie beyond their brightness."""
         value, curved, gradient = terms
-        owner, margin = self.likelihood.margins(columns, exposures, rows)
+        owner, margin = self.likelihood.margins(columns, exposures, sets)
         if owner.size:
             u, along = margin[:, 0], margin[:, 1:]
+            # phi / Phi, the slope of log Phi, in logarithms because both vanish far out.
             mills = np.exp(-0.5 * u**2 - log_ndtr(u)) / np.sqrt(2 * np.pi)
             share = self.noise.independent
             np.add.at(value, owner, -2.0 * share * log_ndtr(u))
@@ -100,3 +98,90 @@ class Posterior:
             bend = share * mills * np.maximum(mills + u, 0.0)  # far out, rounding could turn its sign
             np.add.at(curved, owner, bend[:, None, None] * along[:, :, None] * along[:, None, :])
         return value, curved, gradient
+
+
+@dataclass(frozen=True)
+class PosteriorSamples:
+    """Weighted curves: one table for all calibrations, or draws for each."""
+
+    unconstrained: Array  # shape (1 or n, t, k)
+    curves: np.ndarray  # shape (1 or n, t, 1024)
+    # shape (1 or n, 129, t); samples in rising order of irradiance at every eighth brightness; see `BAND_SAMPLES`
+    order: np.ndarray
+    weights: Array  # shape (n, t); they sum to 1
+    log_evidence: Array  # shape (n,); log of the likelihood averaged over the prior
+
+    def mean(self) -> Array:
+        """Return the mean curves, shape (n, 1024)."""
+        if len(self.curves) == 1:
+            return np.asarray(self.weights @ self.curves[0].astype(np.float64))
+        return np.einsum("nt,nts->ns", self.weights, self.curves)
+
+    def quantiles(self, levels: tuple[float, ...]) -> list[Array]:
+        """Return for each level the curves (n, 1024) that this share of the weight lies at or below."""
+        parts = chunks(len(self.weights), self.order[0].size)
+        ends = np.concatenate([self._quantiles(sets, levels) for sets in parts])
+        x = GRID[BAND_SAMPLES]
+        left = np.clip(np.searchsorted(x, GRID, side="right") - 1, 0, len(x) - 2)
+        share = (GRID - x[left]) / (x[left + 1] - x[left])
+        return list(np.moveaxis(ends[..., left] * (1 - share) + ends[..., left + 1] * share, 1, 0))
+
+    def _quantiles(self, sets: slice, levels: tuple[float, ...]) -> Array:
+        """Return the quantiles of some sets at the samples of `BAND_SAMPLES`, shape (m, levels, 129)."""
+        own = _EVERY if len(self.order) == 1 else sets
+        order = self.order[own]
+        share = np.take_along_axis(self.weights[sets, None], order, axis=2)
+        values = np.take_along_axis(np.swapaxes(self.curves[own][:, :, BAND_SAMPLES], 1, 2), order, axis=2)
+        values = np.broadcast_to(values, share.shape)
+        middle = np.cumsum(share, axis=2) - 0.5 * share  # a sample stands for the curves halfway to its neighbours
+        return np.stack([_at_level(middle, values, level) for level in levels], axis=1)
+
+
+def exact_samples(table: Table, log_likelihood: Array) -> PosteriorSamples:
+    """Weight the table of a model with one parameter."""
+    weights, log_evidence = _normalised(log_likelihood + table.log_prior)
+    return PosteriorSamples(table.unconstrained[None], table.curves[None], table.order[None], weights, log_evidence)
+
+
+def drawn_samples(posterior: Posterior, model: ResponseModel, best: Array, seed: int) -> PosteriorSamples:
+    """Draw around the most probable parameters (n, k) and weight the draws by the posterior (importance sampling)."""
+    n, k = best.shape
+    prior = learned_prior(model)
+    curved = posterior.objective(model)(best, np.arange(n))[1]
+    curved += 1e-9 * curved * np.eye(k)  # very sharp likelihoods come out singular by rounding
+    root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(curved)), 1, 2) * _WIDER
+    normal = np.random.default_rng(seed).normal(size=(n, _DRAWS, k))
+    z = best[:, None] + normal @ np.swapaxes(root, 1, 2)
+    # Irradiance lies in [0, 1]; a draw of an unbounded model that leaves it must not rule the mean.
+    curves = np.clip(model.decode(model.from_unconstrained(z.reshape(-1, k)), np.float32), 0.0, 1.0).reshape(
+        n, _DRAWS, -1
+    )
+    at = posterior.brightness.reshape(n, 1, -1)
+    irradiance = np.swapaxes(evaluate(curves, at), 1, 2).reshape(*posterior.brightness.shape, _DRAWS)
+    off = np.linalg.solve(np.linalg.cholesky(prior.covariance), (z - prior.mean).reshape(-1, k).T)
+    # Weight = likelihood x prior / density of the draw. The factors 2 pi of both densities cancel.
+    drawn_at = 0.5 * (normal**2).sum(axis=2) + np.linalg.slogdet(root)[1][:, None]
+    prior_at = -0.5 * (off**2).sum(axis=0).reshape(n, _DRAWS) - 0.5 * np.linalg.slogdet(prior.covariance)[1]
+    weights, log_evidence = _normalised(posterior.log_likelihood(irradiance) + prior_at + drawn_at - np.log(_DRAWS))
+    order = np.argsort(np.swapaxes(curves[:, :, BAND_SAMPLES], 1, 2), axis=2)
+    return PosteriorSamples(z, curves, order, weights, log_evidence)
+
+
+def _at_level(rising: Array, values: np.ndarray, level: float) -> Array:
+    """Return the values (..., t) where `rising` (..., t) reaches a level, linear between samples; shape (...)."""
+    above = np.minimum((rising < level).sum(axis=-1, keepdims=True), rising.shape[-1] - 1)
+    below = np.maximum(above - 1, 0)
+    (low, high), (left, right) = (
+        [np.take_along_axis(each, row, axis=-1)[..., 0].astype(np.float64) for row in (below, above)]
+        for each in (rising, values)
+    )
+    share = np.clip((level - low) / np.maximum(high - low, 1e-300), 0.0, 1.0)
+    return np.asarray(left + share * (right - left))
+
+
+def _normalised(log_weights: Array) -> tuple[Array, Array]:
+    """Return weights that sum to 1, and the logarithm of their sum before."""
+    most = log_weights.max(axis=1, keepdims=True)
+    weights = np.exp(log_weights - most)
+    total = weights.sum(axis=1, keepdims=True)
+    return weights / total, (np.log(total) + most)[:, 0]

@@ -1,4 +1,8 @@
-"""A dense table of decoded curves: for one parameter it holds every curve that the model can make."""
+"""A dense table of decoded curves, and the way from its best rows to the best parameters.
+
+For one parameter the table holds every curve that the model can make. Here and in the modules that build on it, `z` is
+a model's unconstrained parameters: the space of its prior.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,36 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crfbench.checks import check_count, check_seed
-from crfbench.curves import N_SAMPLES, Array
+from crfbench.curves import N_SAMPLES, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 from crfbench.models.base import Prior
+from crfbench.numerics import Objective, levenberg_marquardt
 
-ONE_PARAMETER, MORE_PARAMETERS = 512, 1024
-_REACH = 5.0  # standard deviations of the prior, and the least reach of a free parameter
+#: The samples at which bands are computed: every eighth and the last, 129 of them.
+BAND_SAMPLES = np.append(np.arange(0, N_SAMPLES, 8), N_SAMPLES - 1)
+
+ONE_PARAMETER, MORE_PARAMETERS = 512, 1024  # rows
+_REACH = 5.0  # standard deviations of the prior, and the least reach of an unconstrained parameter
 _FEWEST = 16  # rows
-_BAND_STEP = 8  # bands are computed at every eighth sample
 _CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
 
 @dataclass(frozen=True)
 class Table:
-    """Free parameters and their curves.
+    """Parameters and their curves."""
 
-    Parameters
-    ----------
-    free : ndarray, shape (t, k)
-        For one parameter in even steps, for more drawn from the prior.
-    params : ndarray, shape (t, k)
-    curves : ndarray of float32, shape (t, 1024)
-    log_prior : ndarray, shape (t,)
-        Log weight that each row has before any data; they sum to 1 as weights.
-    """
-
-    free: Array
-    params: Array
-    curves: NDArray[np.float32]
-    log_prior: Array
+    unconstrained: Array  # shape (t, k); for one parameter in even steps, for more drawn from the prior
+    params: Array  # shape (t, k)
+    curves: NDArray[np.float32]  # shape (t, 1024)
+    log_prior: Array  # shape (t,); log weight that each row has before any data; the weights sum to 1
 
     @cached_property
     def by_sample(self) -> NDArray[np.float32]:
@@ -46,47 +43,42 @@ class Table:
 
     @cached_property
     def order(self) -> np.ndarray:
-        """Rows in rising order of irradiance at every eighth sample, shape (129, t)."""
-        return np.argsort(self.by_sample[band_samples()], axis=1, kind="stable")
+        """Rows in rising order of irradiance at the samples of `BAND_SAMPLES`, shape (129, t)."""
+        return np.argsort(self.by_sample[BAND_SAMPLES], axis=1, kind="stable")
 
     def at(self, brightness: Array) -> NDArray[np.float32]:
-        """Look all curves up at brightnesses (...), linear between samples: (..., t)."""
+        """Evaluate all curves at brightnesses (...), linear between samples: (..., t)."""
         position = brightness * (N_SAMPLES - 1)
         left = np.minimum(position.astype(np.intp), N_SAMPLES - 2)
         share = (position - left).astype(np.float32)[..., None]
+        # In place, because these are by far the largest arrays of a calibration.
         low = self.by_sample[left]
         low += share * (self.by_sample[left + 1] - low)
         return low
 
 
-def in_parts(n: int, cells: int) -> Iterator[slice]:
+def chunks(n: int, cells: int) -> Iterator[slice]:
     """Split `n` sets of observations that need `cells` numbers each into parts that stay in the processor's cache."""
     size = max(1, _CELLS // max(cells, 1))
     return (slice(first, min(first + size, n)) for first in range(0, n, size))
 
 
-def band_samples() -> np.ndarray:
-    """Return the indices of the samples at which bands are computed: every eighth and the last."""
-    return np.append(np.arange(0, N_SAMPLES, _BAND_STEP), N_SAMPLES - 1)
+def check_kind(name: str, value: object, kind: type, source: str) -> None:
+    """Refuse a value of another type and say where the right one comes from."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name} is a {type(value).__name__}; use what {source} gives")
 
 
 def learned_prior(model: ResponseModel) -> Prior:
-    """Return the prior of a model.
-
-    Raises
-    ------
-    InputError
-        When it has none.
-    """
-    if not isinstance(model, ResponseModel):
-        raise InputError(f"model is a {type(model).__name__}; use what load_model(name) gives")
+    """Return the prior of a model that has one."""
+    check_kind("model", model, ResponseModel, "load_model(name)")
     if model.prior_ is None:
         raise InputError(f"{model!r} has no prior; give it one with learn_prior(curves)")
     return model.prior_
 
 
 def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -> Table:
-    """Decode a table of the model's curves; calibrating many times, decode it once.
+    """Decode a table of the model's curves; for many calibrations, decode it once.
 
     Parameters
     ----------
@@ -96,11 +88,6 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
         Default 512 for one parameter, 1024 draws for more.
     seed : int
         Of the draws.
-
-    Raises
-    ------
-    InputError
-        When the model has no prior, or for too few rows.
     """
     prior = learned_prior(model)
     if rows is not None:
@@ -109,11 +96,53 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
     if model.n_params == 1:
         mean, sd = prior.mean[0], np.sqrt(prior.covariance[0, 0])
         reach = max(_REACH * sd, _REACH)
-        free = mean + np.linspace(-reach, reach, rows or ONE_PARAMETER)[:, None]
-        log_prior = -0.5 * ((free[:, 0] - mean) / sd) ** 2
+        z = mean + np.linspace(-reach, reach, rows or ONE_PARAMETER)[:, None]
+        log_prior = -0.5 * ((z[:, 0] - mean) / sd) ** 2
     else:
-        free = np.concatenate([prior.mean[None], prior.sample((rows or MORE_PARAMETERS) - 1, seed)])
-        log_prior = np.zeros(len(free))
-    params = model.from_free(free)
+        z = np.concatenate([prior.mean[None], prior.sample((rows or MORE_PARAMETERS) - 1, seed)])
+        log_prior = np.zeros(len(z))  # how often a region is drawn is its prior already
+    params = model.from_unconstrained(z)
     log_prior -= np.log(np.exp(log_prior - log_prior.max()).sum()) + log_prior.max()
-    return Table(free, params, model.decode_float32(params), log_prior)
+    return Table(z, params, model.decode(params, np.float32), log_prior)
+
+
+N_STARTS = 4  # of models with several parameters
+_NEAR = 0.01  # a valley of the table this share above the lowest may lie below it once polished
+
+
+def evaluate_with_gradient(model: ResponseModel, z: Array, brightness: Array) -> tuple[Array, Array]:
+    """Evaluate curves (m, k) at brightnesses (m, e, p): irradiance (m, e, p) and its derivatives by z (m, e, p, k)."""
+    params, at = model.from_unconstrained(z), brightness.reshape(len(z), -1)
+    curves, jacobian = model.decode_with_jacobian(params)
+    slope = evaluate(np.swapaxes(jacobian, 1, 2), at[:, None]) * model.unconstrained_slope(params)[:, :, None]
+    shape = brightness.shape
+    return evaluate(curves, at).reshape(shape), np.moveaxis(slope, 1, 2).reshape(*shape, model.n_params)
+
+
+def minimise(objective: Objective, table: Table, values: Array) -> Array:
+    """Polish the best few rows of a table, for one parameter its lowest valleys; returns z (n, k).
+
+    `objective` takes z (m, k) and the sets of observations (m,) that they belong to, see `crfbench.numerics.Objective`;
+    `values` (n, t) are the loss of every row for each set. They may differ from the objective by any rising function.
+    """
+    sets, rows = _valleys(values) if table.unconstrained.shape[1] == 1 else _best(values)
+    z, cost = levenberg_marquardt(
+        lambda z, starts: objective(z, sets[starts]), table.unconstrained[rows], max_steps=30, tolerance=1e-12
+    )
+    ranked = np.lexsort((cost, sets))  # by set, and within each set by cost
+    return z[ranked[np.unique(sets, return_index=True)[1]]]
+
+
+def _valleys(values: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Return sets and rows of the local minima, ends included, that lie near the lowest of their set."""
+    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.inf)
+    lowest = values.min(axis=1, keepdims=True)
+    near = values <= lowest + _NEAR * np.abs(lowest)
+    sets, rows = np.nonzero(near & (values < padded[:, :-2]) & (values <= padded[:, 2:]))
+    return sets, rows
+
+
+def _best(values: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Return sets and rows of the `N_STARTS` lowest values of each set."""
+    rows = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
+    return np.repeat(np.arange(len(values)), N_STARTS), rows.ravel()

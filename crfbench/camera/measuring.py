@@ -47,17 +47,8 @@ class PatchValues(NamedTuple):
 def find_chart(image: ArrayLike) -> tuple[Array, float]:
     """Find a chart of 24 patches (ColorChecker Classic) in a developed photograph, whichever way round it lies.
 
-    Parameters
-    ----------
-    image : array_like, shape (height, width, 3)
-        Values in [0, 1].
-
-    Returns
-    -------
-    corners : ndarray, shape (4, 2)
-        In chart order, as fractions of the image.
-    confidence : float
-        See `chart_confidence`.
+    Takes an image (height, width, 3) in [0, 1]; returns the corners (4, 2) in chart order, as fractions of the image,
+    and the `chart_confidence`.
     """
     pixels = _reduced(_check_image(image).astype(np.float32))
     # The detector enlarges the shorter side to 1000 pixels, so a strip would become huge.

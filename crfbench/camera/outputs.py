@@ -11,9 +11,9 @@ import numpy as np
 
 from crfbench.camera.calibrate import CameraCalibration
 from crfbench.camera.formats import FORMATS, read_response, write_response
-from crfbench.camera.linearise import linearise
 from crfbench.camera.measuring import measure_chart
 from crfbench.camera.merging import write_hdr
+from crfbench.camera.passport import linearise
 from crfbench.camera.reading import read_image, read_levels
 from crfbench.camera.worker import WORKER
 from crfbench.errors import InputError, MissingDataError
@@ -58,22 +58,10 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
 
 
 def linearise_file(image: Path, response: Path, out: Path, overwrite: bool = False) -> Path:
-    """Turn the brightness of an image file back into irradiance and write it as a linear image.
+    """Turn the brightness of an image file back into irradiance, write it as a linear image, and return its path.
 
-    Parameters
-    ----------
-    image : path
-        JPEG, PNG or TIFF, 8 or 16 bits.
-    response : path
-        A passport or any export of it.
-    out : path
-        ``.exr`` or ``.tif`` with floats in units of full scale, or ``.hdr``.
-    overwrite : bool
-
-    Returns
-    -------
-    Path
-        `out`.
+    `response` is a passport or any export of it; `out` ends in ``.exr`` or ``.tif`` (floats in units of full scale) or
+    ``.hdr``.
     """
     passport = read_response(response)
     check_new(out, overwrite)

@@ -24,13 +24,7 @@ _MAIN_LOCK = threading.Lock()
 
 
 class Worker:
-    """One worker process, started when it is first needed and again after a crash.
-
-    Parameters
-    ----------
-    timeout : float
-        Seconds that one file may take.
-    """
+    """One worker process, started when first needed and again after a crash; a file may take `timeout` seconds."""
 
     def __init__(self, timeout: float = 120.0) -> None:
         self.timeout = timeout

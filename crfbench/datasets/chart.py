@@ -64,13 +64,7 @@ def _xyz(xyy: Array) -> Array:
 
 
 def as_corners(corners: ArrayLike) -> Array:
-    """Return `corners` as a float64 array if they can be those of a chart.
-
-    Parameters
-    ----------
-    corners : array_like, shape (4, 2)
-        x and y as fractions of the image, clockwise round a convex area.
-    """
+    """Return corners (4, 2), fractions of the image, as float64 if they run clockwise round a convex area in it."""
     points = as_numbers("corners", corners).copy()
     if points.shape != (4, 2) or not ((points >= 0) & (points <= 1)).all():
         raise InputError(

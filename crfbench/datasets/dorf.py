@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crfbench.curves import GRID, N_SAMPLES, Array, Direction, as_curves, check_direction, resample
-from crfbench.datasets.folds import chained, near_copies
 from crfbench.datasets.registry import find, known, require
-from crfbench.datasets.responses import Responses
+from crfbench.datasets.responses import Responses, chained, near_copies
 from crfbench.errors import FormatError, InputError
 from crfbench.files import bundled
 

@@ -4,19 +4,17 @@ Only "opencrf" is bundled. The others are downloaded on request (`crfbench.datas
 into ``$CRFBENCH_DATA`` or the user cache; the two are searched in this order and share one layout of folders.
 """
 
+import json
 import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from platformdirs import user_cache_dir
 
 from crfbench.errors import MissingDataError
 from crfbench.files import bundled
-
-_RAW = "https://raw.githubusercontent.com"
-_SINGLE_HDR = f"{_RAW}/alex04072000/SingleHDR/ce89648bc95ba1615b5eb9d8a1c4456a7872a92c/training_code"
-_MIDDLEBURY = f"{_RAW}/zyfccc/Representing-camera-response-function/e98c6119a95062a8d53fd7cd1dffed4cd4e84a5c/dataset"
 
 
 @dataclass(frozen=True)
@@ -39,64 +37,20 @@ class DataSet:
     files: tuple[RemoteFile, ...] = ()
 
 
-_UNSTATED = "none stated; for your own use, not bundled"
-
-_OPENCRF = DataSet("opencrf", "OpenCRF: responses of films and published camera standards", "MIT and BSD-3-Clause")
-
-_DORF = DataSet(
-    "dorf",
-    "DoRF: 201 measured responses (the .mat holds the curves, the official zip adds their names)",
-    _UNSTATED,
-    (
-        RemoteFile(
-            "dorf/201_CRF_data.mat",
-            f"{_RAW}/GuoShi28/CBDNet/083c2e1439f8908d58d75c1c4cf87c9b74873427/utils/201_CRF_data.mat",
-            "45d7b6467f147b6dd99875652bef2d36f0a6ef5cebbd5b8ed33759ee6a4c1fc1",
-        ),
-        RemoteFile(
-            "dorf/dorfCurves.zip",
-            "https://www.cs.columbia.edu/CAVE/software/dorf/response/dorfCurves.zip",
-            None,
-            "the curves themselves are in place and load without names",
-        ),
-    ),
-)
-
-_EMOR = DataSet(
-    "emor",
-    "EMoR: the published mean response and 25 principal components, in both directions",
-    _UNSTATED,
-    (
-        RemoteFile(
-            "dorf/emor.txt",
-            f"{_SINGLE_HDR}/emor.txt",
-            "7cb62d511e936a4d597f2323d3c914b334fd2e0757a05c944f12f7d164d5cc78",
-        ),
-        RemoteFile(
-            "dorf/invemor.txt",
-            f"{_SINGLE_HDR}/invemor.txt",
-            "86dd5444b1d6bbfbabb02c39519909226a77774543a82a69a6f2b962914d82ee",
-        ),
-    ),
-)
-
-
 @cache
 def known() -> dict[str, DataSet]:
     """Return every known data set by its key."""
-    return {entry.key: entry for entry in (_OPENCRF, _DORF, _EMOR, _middlebury())}
+    entries = json.loads(bundled("data/registry/datasets.json").read_text(encoding="utf-8"))
+    return {entry["key"]: DataSet(entry["key"], entry["what"], entry["licence"], _files(entry)) for entry in entries}
 
 
-def _middlebury() -> DataSet:
-    """Read the bundled list of checksums: ``path sha256`` a line, as pooch writes it."""
-    lines = bundled("data/registry/middlebury.txt").read_text(encoding="utf-8").splitlines()
-    pairs = (line.split() for line in lines)
-    return DataSet(
-        "middlebury",
-        "Modified Middlebury: 14 cameras x 8 photographs of a colour chart as JPEG and RAW, with 24 patch boxes",
-        "Apache-2.0",
-        tuple(RemoteFile(f"middlebury/{path}", f"{_MIDDLEBURY}/{path}", sha256) for path, sha256 in pairs),
-    )
+def _files(entry: dict[str, Any]) -> tuple[RemoteFile, ...]:
+    if "listed" not in entry:
+        return tuple(RemoteFile(**file) for file in entry.get("files", ()))
+    # A set of many files has a list of their checksums, ``path sha256`` a line, as pooch writes it.
+    pairs = (line.split() for line in bundled(entry["listed"]).read_text(encoding="utf-8").splitlines())
+    key, base = entry["key"], entry["base"]
+    return tuple(RemoteFile(f"{key}/{path}", f"{base}/{path}", sha256) for path, sha256 in pairs)
 
 
 def folders() -> list[Path]:

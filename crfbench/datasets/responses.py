@@ -1,13 +1,16 @@
-"""Sets of response curves with what is known of each, and OpenCRF, the set that may be shared."""
+"""Sets of response curves with what is known of each, folds that keep related ones together, and OpenCRF.
 
-from collections.abc import Iterable
+OpenCRF is the set that may be shared. Folds keep near copies together, so that a test curve has none in training.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.checks import check_choice
-from crfbench.curves import Array, as_valid_curves, check_direction, invert
+from crfbench.checks import as_finite, check_choice, check_count, check_number
+from crfbench.curves import N_SAMPLES, Array, as_curves, as_valid_curves, check_direction, invert
 from crfbench.errors import FormatError, InputError
 from crfbench.files import NPZ_DAMAGE, bundled, check_sums
 
@@ -18,37 +21,22 @@ TIERS = ("core", "hdr", "all")
 class Responses:
     """Measured or published responses and, one entry a curve, where each comes from.
 
-    Parameters
-    ----------
-    dataset : str
-        Name of the set, for example "opencrf".
-    curves : array_like, shape (n, 1024)
-        Forward responses (irradiance to brightness), monotone, from (0, 0) to (1, 1); kept read-only.
-    names : tuple of str, length n
-        Name of each curve.
-    units : tuple of str, length n
-        The film, camera or standard that each curve belongs to: curves of one unit are not independent,
-        so no split may part them.
-    families : tuple of str, length n
-        Kind of each curve, for example "film-negative".
-    sources : tuple of str, length n
-        Where each curve was taken from.
-    licences : tuple of str, length n
-        SPDX identifier of the licence of each curve, or "unknown".
-
     Examples
     --------
     >>> load_opencrf()
     151 responses from opencrf, 73 units
     """
 
-    dataset: str
+    dataset: str  # name of the set, for example "opencrf"
+    # shape (n, 1024); forward responses (irradiance to brightness), monotone, from (0, 0) to (1, 1); kept read-only
     curves: Array
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # name of each curve
+    # the film, camera or standard that each curve belongs to: curves of one unit are not independent, so no split may
+    # part them
     units: tuple[str, ...]
-    families: tuple[str, ...]
-    sources: tuple[str, ...]
-    licences: tuple[str, ...]
+    families: tuple[str, ...]  # kind of each curve, for example "film-negative"
+    sources: tuple[str, ...]  # where each curve was taken from
+    licences: tuple[str, ...]  # SPDX identifier of the licence of each curve, or "unknown"
 
     def __post_init__(self) -> None:
         # A copy that nobody can change: a split or a prior computed once stays right.
@@ -125,3 +113,53 @@ def load_opencrf(tier: str = "core") -> Responses:
     except NPZ_DAMAGE as error:
         raise FormatError(f"{path} is missing or damaged ({error}); install crfbench again to restore it") from error
     return responses if tier == "all" else responses.select(tiers == tier)
+
+
+Labels = np.ndarray[tuple[int], np.dtype[np.intp]]
+
+
+def near_copies(curves: ArrayLike, tolerance: float = 0.01) -> Labels:
+    """Group curves (n, 1024) that chain within an RMSE of `tolerance` (single linkage).
+
+    Returns the group of each curve, numbered by first appearance, shape (n,).
+    """
+    from scipy.spatial.distance import pdist, squareform
+
+    check_number("tolerance", tolerance, 0.0)
+    # An RMSE is a Euclidean distance divided by the root of the number of samples.
+    return chained(squareform(pdist(as_curves(curves))) / np.sqrt(N_SAMPLES) < tolerance)
+
+
+def chained(related: np.ndarray) -> Labels:
+    """Group what is related, directly or through others: from bool (n, n) to numbers (n,) by first appearance."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    return connected_components(csr_array(related), directed=False)[1].astype(np.intp)
+
+
+def group_labels(units: Sequence[str]) -> Labels:
+    """Return the number of each curve's unit, counted by first appearance; shape (n,)."""
+    number = {unit: position for position, unit in enumerate(dict.fromkeys(units))}
+    return np.array([number[unit] for unit in units], dtype=np.intp)
+
+
+def grouped_folds(labels: ArrayLike, n_folds: int = 5) -> Labels:
+    """Deal whole groups, labels (n,), to folds of about equal size and return the fold of each curve, shape (n,).
+
+    The largest group goes first (of equals, the one that appears first), each to the fold that holds the fewest
+    curves so far (of equals, the first). No chance is involved.
+    """
+    row = as_finite("labels", labels)
+    if row.ndim != 1:
+        raise InputError(f"labels have shape {row.shape}; use one a curve, (n,)")
+    groups, first, group, sizes = np.unique(row, return_index=True, return_inverse=True, return_counts=True)
+    check_count("n_folds", n_folds, least=2)
+    if n_folds > len(groups):
+        raise InputError(f"n_folds={n_folds} is out of range for {len(groups)} groups; use at most one a group")
+    # Largest first is the usual rule of thumb for even loads: the small groups that come last fill the gaps.
+    load, fold = np.zeros(n_folds, dtype=np.intp), np.zeros(len(groups), dtype=np.intp)
+    for member in np.lexsort((first, -sizes)):
+        fold[member] = np.argmin(load)
+        load[fold[member]] += sizes[member]
+    return fold[group]

@@ -148,7 +148,8 @@ def refine(
     """Polish starts by batched least squares in unconstrained parameters and keep the best end of each curve.
 
     `targets` (n, p) are curves or some samples of them; `starts` (n, s, k) are parameters, `s` for each curve.
-    `evaluate` turns parameters (m, k) into values (m, p) and Jacobians (m, p, k); by default of whole curves. Returns (n, k).
+    `evaluate` turns parameters (m, k) into values (m, p) and Jacobians (m, p, k); by default of whole
+    curves. Returns (n, k).
     """
     n, s, k = starts.shape
     owner = np.repeat(np.arange(n), s)

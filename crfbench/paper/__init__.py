@@ -9,8 +9,7 @@ from importlib import import_module
 # Names are found when first used: a table loads no figures, and nothing but the report loads widgets.
 _NAMES = {
     "datasets.middlebury": "patch_intensity",
-    "paper.calibration": "calibration_table camera_rmse_table",
-    "paper.chart_free": "chart_free_table",
+    "paper.calibration": "calibration_table camera_rmse_table chart_free_table",
     "paper.claims": "claims_table verdict_counts",
     "paper.figures": "calibration_figure comparison_figure patch_counts_figure plot_camera_rmse plot_coverage "
     "plot_fitting plot_validity stability_figure",

@@ -1,6 +1,11 @@
-"""The paper's Table 3 and more: 14 cameras calibrated from a colour chart, tested on the other illumination."""
+"""The paper's Table 3 and more: 14 cameras calibrated from a colour chart, tested on the other illumination.
 
-from collections.abc import Iterator, Sequence
+The chart-free table calibrates the same cameras from exposure steps alone, beside OpenCV's two calibrators.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -10,10 +15,17 @@ from crfbench.calibration import METHODS, Calibration, Noise, Observations, cali
 from crfbench.calibration.likelihood import DARKEST
 from crfbench.calibration.observations import REFERENCE_ERROR, colour_spread
 from crfbench.checks import check_choice, check_seed
-from crfbench.curves import Array, evaluate
+from crfbench.curves import GRID, Array, evaluate, repair
 from crfbench.datasets import load_patches, load_responses, registry
-from crfbench.datasets.middlebury import N_PATCHES, REFERENCE_IRRADIANCE, THREE_GREYS, PatchArrays, patch_arrays
-from crfbench.metrics import rmse, statistics, summarise
+from crfbench.datasets.middlebury import (
+    EXPOSURES,
+    N_PATCHES,
+    REFERENCE_IRRADIANCE,
+    THREE_GREYS,
+    PatchArrays,
+    patch_arrays,
+)
+from crfbench.metrics import nonmonotone, rmse, statistics, summarise
 from crfbench.models import load_model
 from crfbench.models.registry import ModelKey
 from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
@@ -91,14 +103,9 @@ def camera_rmse_table(patches: str = "3", method: str = "map", rows: Sequence[st
 
 
 def chart_observations(chart: PatchArrays, channel: str = "intensity") -> tuple[Observations, Array, Array]:
-    """Return what is calibrated on and tested on, both illuminations of every camera.
+    """Return what is calibrated on and tested on: 28 sets, camera by camera, illumination 1 and 2.
 
-    Returns
-    -------
-    observations : Observations
-        28 sets: camera by camera, illumination 1 and 2.
-    jpeg, raw : ndarray, shape (28, 96)
-        Of the other illumination.
+    After the observations come jpeg and raw (28, 96) of the other illumination.
     """
     rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])
     clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])
@@ -129,13 +136,8 @@ def camera_rmse(result: Calibration, jpeg: Array, raw: Array) -> Array:
 def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: Array) -> float:
     """Return the share of held-out measurements inside the 90 % band, widened by their own noise.
 
-    Parameters
-    ----------
-    result : Calibration
-        By "posterior", of both illuminations of every camera.
-    observations : Observations
-        Of all patches, from `chart_observations`; the sets of one camera are held out for each other.
-    jpeg, raw : ndarray, shape (n, m)
+    `result` is of both illuminations of every camera by "posterior"; `observations`, jpeg and raw (n, m) are those of
+    all patches, from `chart_observations`.
     """
     # The noise is the stated one, or what the calibration found where it found more.
     scale = np.maximum(1.0 if result.noise_scale is None else result.noise_scale, 1.0)
@@ -148,14 +150,7 @@ def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: 
 
 
 def bootstrap_bounds(values: Array, seed: int = 0) -> dict[str, tuple[float, float]]:
-    """Return the 95 % bounds of each statistic of `crfbench.metrics.summarise`, over resampled cameras.
-
-    Parameters
-    ----------
-    values : ndarray, shape (c,)
-        One of each camera. The same seed draws the same cameras, so that differences stay paired.
-    seed : int
-    """
+    """Return the 95 % bounds of each statistic of `crfbench.metrics.summarise`, over resampled cameras."""
     picked = np.random.default_rng(seed).integers(len(values), size=(_RESAMPLES, len(values)))
     bounds = {name: np.percentile(drawn, (2.5, 97.5)) for name, drawn in statistics(values[picked]).items()}
     return {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
@@ -227,3 +222,113 @@ def _subsets(patches: str, seed: int) -> list[np.ndarray]:
         "24": [np.arange(N_PATCHES)],
         "random": [rng.choice(N_PATCHES, 3, replace=False) for _ in range(_RANDOM_TRIPLES)],
     }[patches]
+
+
+CHART_FREE_COLUMNS = (
+    "model", "method", "mean", "median", "max", "below_debevec", "below_robertson", "below_both", "monotone", "failed",
+    "seconds",
+)  # fmt: skip
+#: One stop from each photograph to the next.
+STEPS: Array = np.arange(len(EXPOSURES), dtype=float)
+
+_LEVELS = 256
+_SIDE = 8  # pixels of a patch in the pictures made for OpenCV, along each side
+
+
+def chart_free_table(method: str = "posterior") -> pd.DataFrame:
+    """Calibrate 14 cameras from four exposures of 24 unknown patches, each illumination by itself.
+
+    Returns
+    -------
+    DataFrame
+        One row a model, then OpenCV's, with the columns `CHART_FREE_COLUMNS`. RMSE is against RAW of the other light
+        with the one scale that fits best, since exposures alone tell no scale; means over both illuminations of a
+        camera. ``below_...`` count the cameras with an RMSE at or below OpenCV's, one that failed counting as beaten;
+        ``monotone`` is the share of monotone curves, ``failed`` that of calibrations without a finite result.
+        Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches
+        as grey pixels, which serves it better than intensities do, and its results are interpolated between the levels
+        that occur.
+    """
+    chart = patch_arrays(load_patches())
+    _, jpeg, raw = chart_observations(chart)
+    found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method))) for name in ROWS]
+    rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}
+    found += [(f"OpenCV {name}", "opencv", *timed) for name, timed in rivals.items()]
+    theirs = {name: _camera_rmse(curves, jpeg, raw) for name, (curves, _) in rivals.items()}
+    rows = [
+        {
+            "model": name,
+            "method": how,
+            **_beside_opencv(_camera_rmse(curves, jpeg, raw), theirs),
+            **_validity(curves),
+            "seconds": seconds,
+        }
+        for name, how, curves, seconds in found
+    ]
+    return pd.DataFrame(rows, columns=list(CHART_FREE_COLUMNS))
+
+
+def chart_free_curves(chart: PatchArrays, model: str, method: str = "posterior") -> Array:
+    """Return the inverse responses (28, 1024) of every camera and illumination, from exposure steps alone."""
+    rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])
+    clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])
+    observations = Observations.from_rgb(rgb, None, exposures=STEPS, clipped=clipped)
+    return repair(calibrate(load_model(model), observations, method).curves)
+
+
+def opencv_curves(chart: PatchArrays, name: str) -> Array:
+    """Return what OpenCV makes of the same patches, on the grid, shape (28, 1024); NaN where it fails.
+
+    "Debevec": Debevec and Malik 1997, doi:10.1145/258734.258884. "Robertson": Robertson, Borman and Stevenson 2003,
+    doi:10.1117/1.1557695.
+    """
+    levels = np.rint(chart.jpeg.reshape(-1, len(EXPOSURES), chart.jpeg[0, 0, 0].size) * (_LEVELS - 1)).astype(np.uint8)
+    return np.array([_opencv_curve(pictures, name) for pictures in levels])
+
+
+def _opencv_curve(levels: np.ndarray, name: str) -> Array:
+    """Calibrate one camera from levels (e, pixels)."""
+    import cv2
+
+    pictures = [cv2.merge([np.kron(row.reshape(6, -1), np.ones((_SIDE, _SIDE), np.uint8))] * 3) for row in levels]
+    calibrator = cv2.createCalibrateDebevec() if name == "Debevec" else cv2.createCalibrateRobertson()
+    response = calibrator.process(pictures, (2.0**STEPS).astype(np.float32))[:, 0, 0]
+    told = np.isfinite(response) & (response > 0)
+    if name == "Robertson":  # it keeps its first guess for levels that never occur
+        told[np.setdiff1d(np.arange(_LEVELS), levels)] = False
+    if told.sum() < 2:
+        return np.full(GRID.shape, np.nan)
+    at = np.flatnonzero(told) / (_LEVELS - 1)
+    return np.asarray(np.interp(GRID, np.append(0.0, at), np.append(0.0, response[told])))
+
+
+def _timed(run: Callable[[], Array]) -> tuple[Array, float]:
+    began = time.perf_counter()
+    curves = run()
+    return curves, time.perf_counter() - began
+
+
+def _camera_rmse(curves: Array, jpeg: Array, raw: Array) -> Array:
+    """Return the RMSE of each camera, both illuminations averaged; NaN where both failed."""
+    decoded = evaluate(curves, jpeg)
+    scale = (decoded * raw).sum(axis=1) / (decoded**2).sum(axis=1)
+    both = rmse(scale[:, None] * decoded, raw).reshape(-1, 2)
+    known = np.isfinite(both)
+    return np.where(known, both, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+
+
+def _beside_opencv(cameras: Array, rivals: dict[str, Array]) -> dict[str, float]:
+    debevec, robertson = ((cameras <= rival) | np.isnan(rival) for rival in rivals.values())
+    return {
+        "mean": float(np.nanmean(cameras)),
+        "median": float(np.nanmedian(cameras)),
+        "max": float(np.nanmax(cameras)),
+        "below_debevec": int(debevec.sum()),
+        "below_robertson": int(robertson.sum()),
+        "below_both": int((debevec & robertson).sum()),
+    }
+
+
+def _validity(curves: Array) -> dict[str, float]:
+    finite = np.isfinite(curves).all(axis=1)
+    return {"monotone": float(1.0 - nonmonotone(curves[finite]).mean()), "failed": float(1.0 - finite.mean())}

@@ -43,17 +43,9 @@ _WHY_FITTING = {
 
 
 def claims_table(results: PaperResults | None = None) -> pd.DataFrame:
-    """Hold every figure and claim of the paper against ours.
+    """Hold every figure and claim of the paper against ours, one row a claim with the fields of `Claim` as columns.
 
-    Parameters
-    ----------
-    results : PaperResults, optional
-        Our tables; by default those that are bundled, so that neither DoRF nor a network is needed.
-
-    Returns
-    -------
-    DataFrame
-        One row a claim, all text, with the fields of `crfbench.paper.verdicts.Claim` as columns.
+    Our tables are by default those that are bundled, so that neither DoRF nor a network is needed.
     """
     known = results or load_results()
     text = [check(known) for check in CHECKS]

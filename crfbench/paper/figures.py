@@ -21,8 +21,7 @@ from crfbench.datasets.middlebury import patch_intensity
 from crfbench.files import write_atomically
 from crfbench.history import load_history
 from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
-from crfbench.paper.calibration import calibration_table, camera_rmse_table
-from crfbench.paper.chart_free import chart_free_table
+from crfbench.paper.calibration import calibration_table, camera_rmse_table, chart_free_table
 from crfbench.paper.claims import claims_table
 from crfbench.paper.fitting import fitting_tables
 from crfbench.paper.printed import CALIBRATION, STABILITY
@@ -105,14 +104,7 @@ def plot_validity(table: pd.DataFrame, direction: Direction = "inverse", ax: Axe
 
 
 def comparison_figure(responses: Responses, index: int | None = None) -> Axes:
-    """Draw one response and the best fit of every model to it.
-
-    Parameters
-    ----------
-    responses : Responses
-    index : int, optional
-        Which curve; by default the one that a gamma curve fits worst.
-    """
+    """Draw one response and the best fit of every model to it; by default the one that a gamma curve fits worst."""
     curves = responses.curves
     if index is None:
         gamma = Gamma("forward")
@@ -130,15 +122,7 @@ def comparison_figure(responses: Responses, index: int | None = None) -> Axes:
 def patch_counts_figure(model: str, camera: str = CAMERA, method: str = "map", ax: Axes | None = None) -> Axes:
     """Draw the inverse responses of a camera from 3, 6, 12 and 24 patches over what was measured: the paper's figure.
 
-    Parameters
-    ----------
-    model : str
-        Name of an inverse model.
-    camera : str
-    method : str
-        Of `crfbench.calibrate`.
-    ax : Axes, optional
-        By default those of a new figure.
+    `model` is the name of an inverse model, `method` one of `crfbench.calibrate`.
     """
     curves = stability_curves(camera, model, method)
     seen = patch_intensity(load_patches()).query("camera == @camera")
@@ -227,10 +211,7 @@ def figure_of(ax: Axes) -> Figure:
 def build_results(folder: Path) -> Iterator[Path]:
     """Write every table (JSON and CSV) and every figure (PNG and PDF), yielding each path as it is written.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if it is not there; files of the same names are replaced.
+    The folder is made if it is not there; files of the same names are replaced.
     """
     folder.mkdir(parents=True, exist_ok=True)  # before minutes of work
     mpl.use("agg")

@@ -9,7 +9,7 @@ import pandas as pd
 
 from crfbench.curves import Array, Direction
 from crfbench.datasets import Responses, load_emor_basis, load_responses, registry
-from crfbench.datasets.folds import group_labels, grouped_folds
+from crfbench.datasets.responses import group_labels, grouped_folds
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
 from crfbench.models import SLR, EMoR, ResponseModel, load_model
 from crfbench.models.base import ClosedForm
@@ -56,16 +56,7 @@ def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECT
 def fitting_tables(which: str = "auto", directions: Sequence[Direction] = DIRECTIONS) -> dict[str, pd.DataFrame]:
     """Return the fitting table of the data asked for; with "auto" and no DoRF, the recorded DoRF table beside it.
 
-    Parameters
-    ----------
-    which : str
-        Of `crfbench.load_responses`.
-    directions : sequence of {"forward", "inverse"}
-
-    Returns
-    -------
-    dict
-        From a title, which says where the figures come from, to the table.
+    `which` is that of `crfbench.load_responses`. Each table stands under a title that says where its figures come from.
     """
     responses = load_responses(which)
     tables = {f"{responses.dataset}, computed now": fitting_table(responses, directions)}

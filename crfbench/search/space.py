@@ -1,4 +1,4 @@
-"""The search space and complexity of the paper's "Naïve neural architecture search"."""
+"""The candidates of the paper's "Naïve neural architecture search", their complexity, and what training them gives."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -21,11 +21,6 @@ class SearchSpace:
     h1, h2, h3 : sequence of int
         Widths that each layer may have. Where h2 is 0, h3 is 0 too.
 
-    Raises
-    ------
-    InputError
-        For widths that do not fit, or no architecture at all.
-
     Examples
     --------
     >>> len(SearchSpace())
@@ -43,7 +38,7 @@ class SearchSpace:
             given = getattr(self, name)
             widths = tuple(check_count(name, width, least) for width in given) if isinstance(given, Iterable) else ()
             if not widths or len(set(widths)) < len(widths):
-                raise InputError(f"{name}={given!r} does not fit; use one or more different widths from {least}")
+                raise InputError(f"{name}={given!r} is out of range; use one or more different widths from {least}")
             object.__setattr__(self, name, widths)
         if not list(self):
             raise InputError(f"{self} holds no architecture; allow h3=0 where h2 is 0")
@@ -51,12 +46,36 @@ class SearchSpace:
     def __iter__(self) -> Iterator[Hidden]:
         """Yield the candidates, narrowest first layer first."""
         for h1, h2, h3 in product(self.h1, self.h2, self.h3):
-            if h2 or not h3:
+            if h2 or not h3:  # a third layer needs a second
                 yield tuple(width for width in (h1, h2, h3) if width)
 
     def __len__(self) -> int:
         """Return the number of candidates."""
         return sum(1 for _ in self)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate, by the widths of its hidden layers, and for how many epochs to train it."""
+
+    hidden: Hidden
+    epochs: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What training one candidate on every fold gave."""
+
+    hidden: Hidden
+    epochs: int
+    mse: tuple[float, ...]  # one a fold: the mean over its held-out curves
+    rmse: tuple[float, ...]  # one a fold: the mean over its held-out curves
+    seconds: float  # the candidate's share of the time of those it was trained with
+
+    @property
+    def trial(self) -> Trial:
+        """The trial that gave it."""
+        return Trial(self.hidden, self.epochs)
 
 
 def complexity(hidden: Sequence[int], n_latent: int = 1) -> int:

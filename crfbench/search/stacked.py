@@ -1,19 +1,18 @@
 """Many small autoencoders trained as one: stacked matrices, and one batched product a layer for all of them.
 
 Every network takes the steps that `crfbench.training.Trainer` would take with it, from the same start. Two things make
-them cheap:
+the steps cheap:
 
-- Candidates of equal depth, and all their folds, are stacked; narrower ones are padded with neurons whose weights are
-  zero, and these stay zero, for their gradients are. The gradients are written out, into arrays made once.
-- The two wide ends are thinned: a curve is told by its means over blocks of neighbouring samples. Adam moves the
-  weights of neighbouring samples alike, for it scales every gradient to the same size, so a first layer that acts on
-  sums over blocks learns what the full one learns. Of the last layer, the weights start at zero (and its biases at
-  the mean curve), so that neighbours start alike too.
+- Candidates of equal depth, and all their folds, are stacked. Narrower ones are padded with neurons whose weights are
+  zero; these stay zero, because their gradients are. The gradients are written by hand, into arrays made once.
+- The two wide ends are thinned: a curve is represented by its means over blocks of neighbouring samples. Adam scales
+  every gradient to the same size and so moves the weights of neighbouring samples alike; therefore a first layer that
+  acts on sums over blocks learns what the full one learns. In the last layer the weights start at zero (and the biases
+  at the mean curve), so that neighbours start alike too.
 """
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,66 +22,47 @@ from torch.nn import functional
 
 from crfbench.constraints.ldl import LDL
 from crfbench.curves import N_SAMPLES, Direction
-from crfbench.search.outcome import Outcome
-from crfbench.search.space import Hidden
-from crfbench.training import LEAST_CYCLE, Recipe, Trainer
+from crfbench.search.space import Hidden, Outcome
+from crfbench.training import LEAST_CYCLE, Trainer, TrainingConfig, one_thread
 
 
 @dataclass(frozen=True)
 class Stack:
-    """Candidates to train together on all folds, with all that a worker elsewhere needs for it.
+    """Candidates to train together on all folds, with everything that a worker needs to do so."""
 
-    Parameters
-    ----------
-    curves : ndarray of float32, shape (n, 1024)
-    direction : {"forward", "inverse"}
-        Of the curves.
-    folds : ndarray of int, shape (n,)
-        Each fold in turn is held out.
-    hidden : tuple of tuple of int
-        The candidates, of equal depth.
-    recipe : Recipe
-        For all of them; LDL and one latent, full batches, no smoothness. Its `hidden` is not used.
-    blocks : int
-        How many means tell a curve; a divisor of 1024.
-    """
-
-    curves: np.ndarray
-    direction: Direction
-    folds: np.ndarray
-    hidden: tuple[Hidden, ...]
-    recipe: Recipe
-    blocks: int
+    curves: np.ndarray  # shape (n, 1024)
+    direction: Direction  # of the curves
+    folds: np.ndarray  # shape (n,); each fold in turn is held out
+    hidden: tuple[Hidden, ...]  # the candidates, of equal depth
+    config: TrainingConfig  # for all of them; LDL and one latent, full batches, no smoothness. Its `hidden` is not used
+    blocks: int  # how many means represent a curve; a divisor of 1024
 
 
 def train_stack(stack: Stack) -> list[Outcome]:
     """Train every candidate on every fold and measure it on the curves held out; one outcome a candidate."""
     start = time.perf_counter()
-    with _one_thread():
+    with one_thread():  # each worker has one core, and the products are too small to share
         networks = StackedNetworks(stack)
-        for _ in range(stack.recipe.epochs):
+        for _ in range(stack.config.epochs):
             networks.epoch()
         squared = networks.held_out_mse()
     share = (time.perf_counter() - start) / len(stack.hidden)
-    return [
-        Outcome(hidden, stack.recipe.epochs, _means(parts), _means(map(np.sqrt, parts)), share)
-        for hidden, parts in zip(stack.hidden, squared, strict=True)
-    ]
+    outcomes = []
+    for hidden, folds in zip(stack.hidden, squared, strict=True):
+        mse, rmse = tuple(float(fold.mean()) for fold in folds), tuple(float(np.sqrt(fold).mean()) for fold in folds)
+        outcomes.append(Outcome(hidden, stack.config.epochs, mse, rmse, share))
+    return outcomes
 
 
-def initial_trainer(curves: np.ndarray, direction: Direction, recipe: Recipe) -> Trainer:
+def initial_trainer(curves: np.ndarray, direction: Direction, config: TrainingConfig) -> Trainer:
     """Return the trainer of one network as a search starts it: output weights zero, so that it starts at the mean."""
-    trainer = Trainer(curves, direction, recipe)
+    trainer = Trainer(curves, direction, config)
     torch.nn.init.zeros_(trainer.network.decoder[-1].get_parameter("weight"))
     return trainer
 
 
 class StackedNetworks:
-    """S networks, candidate by candidate and in each fold by fold, of L layers in all.
-
-    Parameters
-    ----------
-    stack : Stack
+    """S networks, candidate by candidate and for each fold by fold, of L layers in all.
 
     Attributes
     ----------
@@ -92,8 +72,9 @@ class StackedNetworks:
 
     def __init__(self, stack: Stack) -> None:
         self.stack = stack
-        starts = [_trainers(stack, hidden) for hidden in stack.hidden]
-        self._trainers = [trainer for folds in starts for trainer in folds]
+        training = [stack.curves[stack.folds != fold] for fold in np.unique(stack.folds)]
+        configs = [replace(stack.config, hidden=hidden) for hidden in stack.hidden]
+        self._trainers = [initial_trainer(curves, stack.direction, each) for each in configs for curves in training]
         layers = [list(_thinned(trainer, stack.blocks)) for trainer in self._trainers]
         self.weights = [_pad([layer[0] for layer in same]) for same in zip(*layers, strict=True)]
         self.biases = [_pad([layer[1] for layer in same]) for same in zip(*layers, strict=True)]
@@ -112,8 +93,7 @@ class StackedNetworks:
     def held_out_mse(self) -> list[list[np.ndarray]]:
         """Return the MSE of each held-out curve over its 1024 samples, candidate by candidate and fold by fold."""
         curves = torch.as_tensor(self.stack.curves, dtype=torch.float32)
-        scaled = self._scaled(block_means(curves, self.stack.blocks))
-        activations = [scaled, *(scaled.new_empty(*scaled.shape[:2], w.shape[2]) for w in self.weights)]
+        activations = self._activations_of(block_means(curves, self.stack.blocks))
         self._forward(activations)
         decoded = _unblock(activations[-1], N_SAMPLES // self.stack.blocks)
         mse = (decoded - curves).square().mean(dim=-1).unflatten(0, (len(self.stack.hidden), -1)).numpy()
@@ -125,24 +105,24 @@ class StackedNetworks:
         curves = [trainer.curves for trainer in self._trainers]
         self._target = _pad([block_means(c, self.stack.blocks) for c in curves])
         self._mass = _pad([c.new_full((len(c), 1), 1.0 / len(c)) for c in curves])
-        scaled = self._scaled(self._target)
-        self._activations = [scaled, *(scaled.new_empty(*scaled.shape[:2], w.shape[2]) for w in self.weights)]
+        self._activations = self._activations_of(self._target)
         self._gradients = [torch.empty_like(activation) for activation in self._activations]
 
     def _prepare_steps(self) -> None:
         parameters = [*self.weights, *self.biases]
         for parameter in parameters:
             parameter.grad = torch.empty_like(parameter)
-        rate, epochs = self.stack.recipe.learning_rate, self.stack.recipe.epochs
+        rate, epochs = self.stack.config.learning_rate, self.stack.config.epochs
         self._adam = torch.optim.Adam(parameters, lr=rate, fused=True)
         one_cycle = torch.optim.lr_scheduler.OneCycleLR
         self._schedule = one_cycle(self._adam, rate, total_steps=max(epochs + 1, LEAST_CYCLE), pct_start=0.1)
 
-    def _scaled(self, blocks: Tensor) -> Tensor:
-        """Centre and scale as the encoder of each network wants it; sums over blocks, not means."""
+    def _activations_of(self, blocks: Tensor) -> list[Tensor]:
+        """Centre and scale curves as the encoder of each network wants them, and make arrays for what follows."""
         means = torch.stack([block_means(trainer._mean[None], self.stack.blocks) for trainer in self._trainers])
         scales = torch.stack([trainer._scale for trainer in self._trainers])[:, None, None]
-        return (blocks - means) * (N_SAMPLES // self.stack.blocks / scales)
+        scaled = (blocks - means) * (N_SAMPLES // self.stack.blocks / scales)  # sums over blocks, not means
+        return [scaled, *(scaled.new_empty(*scaled.shape[:2], w.shape[2]) for w in self.weights)]
 
     def _forward(self, activations: Sequence[Tensor]) -> None:
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True), start=1):
@@ -152,7 +132,7 @@ class StackedNetworks:
         activations[-1].sigmoid_()
 
     def _backward(self) -> None:
-        """Write the gradients of MSE + weight x KL by hand; activations that are done with are overwritten."""
+        """Write the gradients of MSE + weight x KL; activations that are not needed any more are overwritten."""
         self._output_gradient()
         for i in range(len(self.weights), 0, -1):
             before, gradient = self._activations[i - 1], self._gradients[i]
@@ -179,25 +159,8 @@ class StackedNetworks:
         return self._mass * (mean + (1.0 - 1.0 / variance) * off)
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Keep PyTorch to one thread: each worker has one core, and the products are too small to share."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-def _trainers(stack: Stack, hidden: Hidden) -> list[Trainer]:
-    recipe = replace(stack.recipe, hidden=hidden)
-    training = [stack.curves[stack.folds != fold] for fold in np.unique(stack.folds)]
-    return [initial_trainer(curves, stack.direction, recipe) for curves in training]
-
-
 def _thinned(trainer: Trainer, blocks: int) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield weight (in, out) and bias (1, out) of each layer, the 1024-wide ends as means over blocks."""
+    """Yield weight (in, out) and bias (1, out) of each layer, the ends of width 1024 as means over blocks."""
     layers = [*trainer.network.encoder, *trainer.network.decoder]
     for i, layer in enumerate(layers):
         weight, bias = layer.get_parameter("weight").detach().T, layer.get_parameter("bias").detach()[None]
@@ -224,7 +187,3 @@ def _pad(matrices: Sequence[Tensor]) -> Tensor:
     """Stack matrices of different shapes, with zeros below and to the right of the smaller ones."""
     rows, columns = (max(matrix.shape[axis] for matrix in matrices) for axis in (0, 1))
     return torch.stack([functional.pad(m, (0, columns - m.shape[1], 0, rows - m.shape[0])) for m in matrices])
-
-
-def _means(parts: Iterator[np.ndarray] | Sequence[np.ndarray]) -> tuple[float, ...]:
-    return tuple(float(part.mean()) for part in parts)

@@ -1,151 +1,81 @@
-"""Which candidates to train next. A strategy keeps no state: all it knows is what it is told has been done.
+"""Which candidates to train next. A strategy keeps no state: all that it knows is what it is told has been done.
 
-So a search that was interrupted goes on by asking again. To add a strategy, write a class with `propose` and give it a
-line in `STRATEGIES`.
+So a search that was interrupted goes on by asking again. A strategy is a function of a search space, the epochs of a
+full training, and the MSE of each trial done so far; it returns the trials of the next round, and the search ends when
+all of them are done. Its other options are set with `functools.partial`, as in ``partial(random, n=20)``.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from crfbench.checks import check_count, check_seed
 from crfbench.errors import InputError, MissingDataError
-from crfbench.search.space import Hidden, SearchSpace
+from crfbench.search.space import Hidden, SearchSpace, Trial
+
+Done = Mapping[Trial, float]
+Strategy = Callable[[SearchSpace, int, Done], Sequence[Trial]]
 
 _ASKS = 20  # for each new candidate that Optuna should find
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A candidate and for how long to train it.
+def grid(space: SearchSpace, epochs: int, done: Done) -> list[Trial]:
+    """Return every candidate, as the paper does."""
+    return [Trial(hidden, epochs) for hidden in space]
+
+
+def random(space: SearchSpace, epochs: int, done: Done, n: int = 40, seed: int = 0) -> list[Trial]:
+    """Return `n` different candidates drawn at random, or all if there are fewer.
+
+    References
+    ----------
+    Bergstra and Bengio 2012, JMLR 13, 281-305.
+    """
+    check_count("n", n)
+    candidates = list(space)
+    rows = np.random.default_rng(check_seed(seed)).permutation(len(candidates))[:n]
+    return [Trial(candidates[row], epochs) for row in rows]
+
+
+def halving(space: SearchSpace, epochs: int, done: Done, rounds: int = 3, factor: int = 3) -> list[Trial]:
+    """Train all candidates with few epochs, the best share of them with more, and so on (successive halving).
 
     Parameters
     ----------
-    hidden : tuple of int
+    space : SearchSpace
     epochs : int
-    """
-
-    hidden: Hidden
-    epochs: int
-
-
-@runtime_checkable
-class Strategy(Protocol):
-    """How a search space is explored."""
-
-    def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> Sequence[Trial]:
-        """Return trials of the next round; the search ends when all of them are done.
-
-        Parameters
-        ----------
-        space : SearchSpace
-        epochs : int
-            Of a full training.
-        done : mapping
-            From each trial done so far to its MSE.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Every candidate, the paper's choice."""
-
-    def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> list[Trial]:
-        """Return all candidates."""
-        return [Trial(hidden, epochs) for hidden in space]
-
-
-@dataclass(frozen=True)
-class Random:
-    """A random sample of the candidates (Bergstra and Bengio 2012, JMLR 13, 281-305).
-
-    Parameters
-    ----------
-    n : int
-        How many candidates.
-    seed : int
-    """
-
-    n: int = 40
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        check_count("n", self.n)
-        check_seed(self.seed)
-
-    def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> list[Trial]:
-        """Return `n` different candidates, or all if there are fewer."""
-        candidates = list(space)
-        rows = np.random.default_rng(self.seed).permutation(len(candidates))[: self.n]
-        return [Trial(candidates[row], epochs) for row in rows]
-
-
-@dataclass(frozen=True)
-class Halving:
-    """Successive halving: all candidates with few epochs, the best share of them with more, and so on.
-
-    Jamieson and Talwalkar 2016, "Non-stochastic best arm identification", arXiv:1502.07943.
-
-    Parameters
-    ----------
+    done : mapping
     rounds : int
     factor : int
         From one round to the next, so many times fewer candidates and more epochs.
-    """
 
-    rounds: int = 3
-    factor: int = 3
-
-    def __post_init__(self) -> None:
-        check_count("rounds", self.rounds)
-        check_count("factor", self.factor, least=2)
-
-    def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> list[Trial]:
-        """Return the first round that is not complete."""
-        candidates = list(space)
-        for left in range(self.rounds - 1, -1, -1):
-            trials = [Trial(hidden, max(epochs // self.factor**left, 1)) for hidden in candidates]
-            if left == 0 or any(trial not in done for trial in trials):
-                break
-            best = sorted(trials, key=lambda trial: done[trial])
-            candidates = [trial.hidden for trial in best[: -(-len(trials) // self.factor)]]
-        return trials
-
-
-@dataclass(frozen=True)
-class Optuna:
-    """Optuna's tree-structured Parzen estimator, `batch` candidates at a time (needs the extra ``optuna``).
-
-    Parameters
+    References
     ----------
-    n : int
-        How many candidates in all.
-    batch : int
-    seed : int
+    Jamieson and Talwalkar 2016, "Non-stochastic best arm identification", arXiv:1502.07943.
     """
-
-    n: int = 40
-    batch: int = 8
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        check_count("n", self.n)
-        check_count("batch", self.batch)
-        check_seed(self.seed)
-
-    def propose(self, space: SearchSpace, epochs: int, done: Mapping[Trial, float]) -> list[Trial]:
-        """Return what is done and up to `batch` new candidates, until there are `n`."""
-        wanted = min(self.batch, min(self.n, len(space)) - len(done))
-        asked = [Trial(hidden, epochs) for hidden in _ask(space, done, _ASKS * wanted, self.seed)]
-        rest = Random(len(space), self.seed).propose(space, epochs, done)  # where it asks for the same again and again
-        new = dict.fromkeys(trial for trial in [*asked, *rest] if trial not in done)
-        return list(new)[: max(wanted, 0)]
+    check_count("rounds", rounds)
+    check_count("factor", factor, least=2)
+    candidates = list(space)
+    for left in range(rounds - 1, -1, -1):
+        trials = [Trial(hidden, max(epochs // factor**left, 1)) for hidden in candidates]
+        if left == 0 or any(trial not in done for trial in trials):
+            break
+        best = sorted(trials, key=lambda trial: done[trial])
+        candidates = [trial.hidden for trial in best[: -(-len(trials) // factor)]]
+    return trials
 
 
-def _ask(space: SearchSpace, done: Mapping[Trial, float], count: int, seed: int) -> list[Hidden]:
+def optuna(space: SearchSpace, epochs: int, done: Done, n: int = 40, batch: int = 8, seed: int = 0) -> list[Trial]:
+    """Return up to `batch` new candidates by Optuna's tree-structured Parzen estimator, until there are `n`."""
+    check_count("n", n)
+    wanted = min(check_count("batch", batch), min(n, len(space)) - len(done))
+    asked = [Trial(hidden, epochs) for hidden in _ask(space, done, _ASKS * wanted, check_seed(seed))]
+    rest = random(space, epochs, done, len(space), seed)  # where it asks for the same again and again
+    new = dict.fromkeys(trial for trial in [*asked, *rest] if trial not in done)
+    return list(new)[: max(wanted, 0)]
+
+
+def _ask(space: SearchSpace, done: Done, count: int, seed: int) -> list[Hidden]:
     """Ask Optuna `count` times what to try, after telling it what is done."""
     try:
         import optuna
@@ -154,7 +84,8 @@ def _ask(space: SearchSpace, done: Mapping[Trial, float], count: int, seed: int)
     widths: dict[str, optuna.distributions.BaseDistribution] = {
         name: optuna.distributions.CategoricalDistribution(getattr(space, name)) for name in ("h1", "h2", "h3")
     }
-    optuna.logging.set_verbosity(optuna.logging.WARNING)  # it tells of every study otherwise
+    optuna.logging.set_verbosity(optuna.logging.WARNING)  # otherwise it writes a line for every study
+    # A sampler that has asked is further along its random numbers; a seed of its own makes each round repeat.
     storage, sampler = optuna.storages.InMemoryStorage(), optuna.samplers.TPESampler(seed=seed + len(done))
     study = optuna.create_study(storage=storage, sampler=sampler)
     for trial, mse in done.items():
@@ -167,19 +98,13 @@ def _ask(space: SearchSpace, done: Mapping[Trial, float], count: int, seed: int)
     return [hidden for hidden in proposals if hidden in set(space)]
 
 
-STRATEGIES: dict[str, type[Strategy]] = {"grid": Grid, "random": Random, "halving": Halving, "optuna": Optuna}
+STRATEGIES: dict[str, Strategy] = {"grid": grid, "random": random, "halving": halving, "optuna": optuna}
 
 
 def find_strategy(strategy: str | Strategy) -> Strategy:
-    """Return the strategy of that name, or the object itself if it is one.
-
-    Raises
-    ------
-    InputError
-        For anything else.
-    """
+    """Return the strategy of that name, or the function itself if it is one."""
     if isinstance(strategy, str) and strategy in STRATEGIES:
-        return STRATEGIES[strategy]()
-    if isinstance(strategy, Strategy):
+        return STRATEGIES[strategy]
+    if callable(strategy):
         return strategy
-    raise InputError(f"strategy={strategy!r} is not known; use one of {', '.join(STRATEGIES)} or an object like those")
+    raise InputError(f"strategy={strategy!r} is not known; use one of {', '.join(STRATEGIES)} or a function like those")

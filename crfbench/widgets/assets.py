@@ -1,14 +1,69 @@
-"""The front-end files that lie in ``static``, joined into what one widget loads."""
+"""What all widgets share: front-end files joined into what one widget loads, and traits that check their values."""
 
+import inspect
+import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
+
+import traitlets
 
 _STATIC = Path(__file__).parent / "static"
+# The only forms that the modules use; a test holds them to it.
+_IMPORT = re.compile(r'^import \{[^}]*\} from "\./(.+)";\n', re.MULTILINE)
+_EXPORT = re.compile(r"^export (?!default)", re.MULTILINE)
+
+
+def bundle(entry: str) -> str:
+    """Return a JavaScript module and all that it imports as one module.
+
+    A widget must work offline and in exported pages, where a module has no address to import others from. So the text
+    of each module comes once, after those that it imports, and import and export lines are left out. Top-level names
+    must differ between the modules of a bundle.
+    """
+    modules: list[str] = []
+
+    def add(name: str) -> None:
+        for imported in _IMPORT.findall(join(name)):
+            add(imported)
+        if name not in modules:
+            modules.append(name)
+
+    add(entry)
+    return _EXPORT.sub("", _IMPORT.sub("", join(*modules)))
 
 
 def join(*names: str) -> str:
-    """Return the static files of those names as one text.
-
-    A widget must work offline and in exported pages, where a module has no address to import others from, so
-    shared files come first, declare and export nothing, and the widget's own module comes last.
-    """
+    """Return the static files of those names as one text."""
     return "\n".join((_STATIC / name).read_text(encoding="utf-8") for name in names)
+
+
+_T = TypeVar("_T")
+
+
+class SyncedTrait(traitlets.TraitType[_T, Any]):
+    """A trait made of the method that checks its values: ``@SyncedTrait`` above it, its docstring is the help.
+
+    The method returns the value to keep, or raises `InputError`. Unlike ``traitlets.validate``, it runs before the
+    value is kept: a page, or a slider linked to the trait, sends values that traitlets would keep and refuse later.
+
+    Examples
+    --------
+    >>> from crfbench.checks import check_count
+    >>> class Lamp(traitlets.HasTraits):
+    ...     @SyncedTrait
+    ...     def level(self, level: object) -> int:
+    ...         "Brightness from 0 to 10."
+    ...         return check_count("level", level, least=0, most=10)
+    >>> Lamp(level=3).level
+    3
+    """
+
+    def __init__(self, check: Callable[[Any, Any], _T]) -> None:
+        super().__init__(help=inspect.getdoc(check))
+        self._check = check
+        self.tag(sync=True)
+
+    def validate(self, obj: Any, value: Any) -> _T:
+        """Return the value to keep."""
+        return self._check(obj, value)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import anywidget
@@ -9,12 +10,12 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
-from crfbench.charts import load_labels, save_labels
-from crfbench.charts.geometry import as_corners
+from crfbench.checks import check_count
 from crfbench.curves import Array
+from crfbench.datasets.chart import as_corners, load_labels, save_labels
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import check_new
-from crfbench.widgets.assets import join
+from crfbench.widgets.assets import SyncedTrait, bundle, join
 
 _MOST_PIXELS = 1200  # along the longer side of the picture that the page gets
 _JPEG_QUALITY = 90
@@ -25,21 +26,13 @@ class ChartLabeller(anywidget.AnyWidget):
 
     The patches are drawn in perspective and their means shown while you drag. The page gets one photograph at a time,
     scaled to at most 1200 pixels, so large ones do not slow it down. A photograph counts as labelled once its corners
-    were moved, or copied from the one before.
+    were moved, or copied from the one before. `index` and `labels` are traits: read them, set them, `observe` them, or
+    `link` them to another widget.
 
     Parameters
     ----------
     images : mapping of str to array or path
         Photographs by name: uint8 red, green, blue, shape (h, w, 3), or an image file, upright as its EXIF says.
-
-    Raises
-    ------
-    InputError
-        For no image, or an array that is no photograph.
-    MissingDataError
-        For a path that leads nowhere.
-    FormatError
-        For a file that is no image.
 
     Examples
     --------
@@ -49,70 +42,59 @@ class ChartLabeller(anywidget.AnyWidget):
     ChartLabeller(2 photographs, 1 labelled)
     """
 
-    _esm = join("controls.js", "plot.js", "chart_grid.js", "chart_labeller.js")
+    _esm = bundle("chart_labeller.js")
     _css = join("widgets.css", "chart_labeller.css")
     #: Of the photographs; set once.
     _names: traitlets.List[str] = traitlets.List().tag(sync=True)
-    #: Which photograph the page wants.
-    _index = traitlets.Int(0).tag(sync=True)
-    #: That photograph, replaced as a whole.
+    #: The photograph that is shown, replaced as a whole.
     _picture = traitlets.Dict().tag(sync=True)
-    #: The labels as lists, by name; both sides replace it as a whole.
-    _labels = traitlets.Dict().tag(sync=True)
 
     def __init__(self, images: Mapping[str, NDArray[np.uint8] | str | Path]) -> None:
         if not images:
             raise InputError("there are no images to label; use one or more")
         for name, image in images.items():
             _check_image(name, image)
-        super().__init__()
         self._images = {str(name): image for name, image in images.items()}
-        self._names = list(self._images)
-        self._show()
+        super().__init__(_names=list(self._images), labels={}, index=0)
 
     def __repr__(self) -> str:
-        labelled = sum(name in self._labels for name in self._names)
+        labelled = sum(name in self.labels for name in self._names)
         return f"ChartLabeller({len(self._names)} photographs, {labelled} labelled)"
 
-    @property
-    def labels(self) -> dict[str, Array]:
-        """The labels by photograph, shape (4, 2): corners (x, y) as shares of width and height.
+    @SyncedTrait
+    def index(self, index: object) -> int:
+        """Which photograph is shown, from 0 in the order of `images`."""
+        return check_count("index", index, least=0, most=len(self._images) - 1)
+
+    @SyncedTrait
+    def labels(self, labels: Mapping[str, ArrayLike]) -> Mapping[str, Array]:
+        """Corners (x, y) by photograph, shape (4, 2), as shares of width and height.
 
         The outer corner of the dark skin patch comes first, then clockwise bluish green, black and white. Labels of
-        photographs that are not here are kept, so that saving loses none.
+        photographs that are not here are kept, so that saving loses none. To change them, set another mapping.
         """
-        return {name: np.array(corners) for name, corners in self._labels.items()}
+        # Writing into this one would reach neither the page nor any observer, so it is read-only.
+        return MappingProxyType({str(name): _read_only(as_corners(corners)) for name, corners in labels.items()})
 
-    @labels.setter
-    def labels(self, labels: Mapping[str, ArrayLike]) -> None:
-        self._labels = {name: as_corners(corners).tolist() for name, corners in labels.items()}
+    labels.tag(to_json=lambda labels, _widget: {name: corners.tolist() for name, corners in labels.items()})
 
     def save(self, path: str | Path, overwrite: bool = False) -> None:
-        """Write the labels as JSON, complete or not at all.
-
-        Raises
-        ------
-        InputError
-            Where there is a file already and `overwrite` is false.
-        """
+        """Write the labels as JSON, complete or not at all; an existing file is replaced only with `overwrite`."""
         save_labels(check_new(path, overwrite), self.labels)
 
     def load(self, path: str | Path) -> None:
-        """Replace the labels by those of a file that `save` wrote.
-
-        Raises
-        ------
-        MissingDataError
-            For a path that leads nowhere.
-        FormatError
-            For a file that holds no labels.
-        """
+        """Replace the labels by those of a file that `save` wrote."""
         self.labels = load_labels(Path(path))
 
-    @traitlets.observe("_index")
-    def _show(self, _change: object = None) -> None:
-        name = self._names[self._index]
-        self._picture = {"index": self._index, "name": name, **_pack(_pixels(name, self._images[name]))}
+    @traitlets.observe("index")
+    def _show(self, _change: object) -> None:
+        name = self._names[self.index]
+        self._picture = {"index": self.index, "name": name, **_pack(_pixels(name, self._images[name]))}
+
+
+def _read_only(corners: Array) -> Array:
+    corners.flags.writeable = False
+    return corners
 
 
 def _check_image(name: object, image: object) -> None:
@@ -122,7 +104,7 @@ def _check_image(name: object, image: object) -> None:
         if not Path(image).is_file():
             raise MissingDataError(f"there is no file {image} for {name!r}; use the path of a photograph")
         if not cv2.haveImageReader(str(image)):
-            raise FormatError(f"{image} is no image that OpenCV reads; use JPEG, PNG or TIFF")
+            raise FormatError(f"{image} is not an image that OpenCV reads; use JPEG, PNG or TIFF")
     elif not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         shape = f"{image.dtype} of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise InputError(f"image {name!r} is {shape}; use uint8 of shape (h, w, 3), or a path")

@@ -3,21 +3,20 @@
 from collections.abc import Mapping
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 
+from crfbench.checks import check_count
 from crfbench.curves import Direction, axis_labels, check_direction
 from crfbench.errors import InputError
-from crfbench.history import PROBE_SAMPLES, PROBES, History
-from crfbench.tables.latents import latent_figures
-from crfbench.widgets.assets import join
-from crfbench.widgets.page import frame, page
+from crfbench.history import PROBE_SAMPLES, PROBES, History, latent_statistics
+from crfbench.widgets.assets import SyncedTrait, bundle, join
+from crfbench.widgets.page import LivingWidget, page
 
 _MOST_EPOCHS = 150  # kept of a history; more would make the page heavy and show no more
 
 
-class EpochPlayer(anywidget.AnyWidget):
+class EpochPlayer(LivingWidget):
     """Play, pause and drag through the epochs of trainings; each is a column of pictures and figures.
 
     A column shows the histogram of the training curves' latents, the curves decoded from latents of -2 to 2, and of
@@ -26,6 +25,8 @@ class EpochPlayer(anywidget.AnyWidget):
     training, and needs no Python to play them: latents in half precision, curves as 33 samples in steps of 1/255, and
     of a history of more than 150 epochs as many as `History.thin` keeps.
 
+    `epoch` is a trait that Python and the page share, for ``observe``, ``link`` and ``jslink``; first the last.
+
     Parameters
     ----------
     histories : mapping of str to History
@@ -33,31 +34,33 @@ class EpochPlayer(anywidget.AnyWidget):
     direction : {"inverse", "forward"}
         Of the curves they were trained on.
 
-    Raises
-    ------
-    InputError
-        For no history, and for one of several latents or with values that are not finite.
-
     Examples
     --------
     >>> from crfbench.history import load_history
     >>> player = EpochPlayer({"LDL": load_history("ldl")})
     >>> player.add(load_history("vae"), "VAE")
+    >>> player.epoch = 20
     >>> player
     EpochPlayer(LDL, VAE)
     """
 
-    _esm = join("controls.js", "plot.js", "latent_column.js", "epoch_player.js")
+    _esm = bundle("epoch_player.js")
     _css = join("widgets.css", "latents.css")
     #: All that the page draws; replaced as a whole.
     _columns: traitlets.List[dict[str, Any]] = traitlets.List().tag(sync=True)
+    _moved_by_both = frozenset({"epoch"})
+
+    @SyncedTrait
+    def epoch(self, epoch: object) -> int:
+        """Epoch that is shown, counted from 1; where it was not kept, the page shows the one kept before it."""
+        return check_count("epoch", epoch)
 
     def __init__(self, histories: Mapping[str, History], direction: Direction = "inverse") -> None:
         if not histories:
             raise InputError("there are no histories to play; use one or more")
-        super().__init__()
         self._histories = dict(histories)
-        self._columns = [pack(history, name, direction) for name, history in histories.items()]
+        columns = [pack(history, name, direction) for name, history in histories.items()]
+        super().__init__(epoch=max(column["epochs"][-1] for column in columns), _columns=columns)
 
     def __repr__(self) -> str:
         return f"EpochPlayer({', '.join(self._histories)})"
@@ -84,18 +87,17 @@ class EpochPlayer(anywidget.AnyWidget):
         self._histories[label] = history
         self._columns = [*(old for old in self._columns if old["name"] != label), column]
 
-    def _repr_mimebundle_(self, **kwargs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Add a page of its own, which is what HTML made from a saved notebook can still play."""
-        data, metadata = super()._repr_mimebundle_(**kwargs) or ({}, {})
-        alone = page(self, "Latents over epochs")
-        return {**data, "text/html": frame(alone, f"{self!r}: run this cell to see it.")}, metadata
+    def _alone(self) -> str:
+        return page(self, "Latents over epochs")
 
 
-def pack(history: History, name: str, direction: Direction) -> dict[str, object]:
+def pack(history: History, name: str, direction: Direction) -> dict[str, Any]:
     """Return what the page draws of a history; numbers as little-endian bytes."""
     _check(history, name)
     kept = history.thin(_MOST_EPOCHS) if len(history) > _MOST_EPOCHS else history
     x_label, y_label = (label.split(" (")[0] for label in axis_labels(check_direction(direction)))
+    with np.errstate(divide="ignore"):  # KL is infinite where all latents are one
+        figures = [list(latent_statistics(latents.astype(np.float64)).values()) for latents in kept.latents]
     return {
         "name": name,
         "epochs": (kept.epochs + 1).tolist(),  # people count from 1
@@ -103,14 +105,8 @@ def pack(history: History, name: str, direction: Direction) -> dict[str, object]
         "yLabel": y_label,
         "latents": kept.latents.astype("<f2").tobytes(),
         "probes": np.round(255 * kept.probes[:, :, ::2].clip(0.0, 1.0)).astype(np.uint8).tobytes(),
-        "figures": np.array([_figures(latents) for latents in kept.latents], dtype="<f4").tobytes(),
+        "figures": np.array(figures, dtype="<f4").tobytes(),
     }
-
-
-def _figures(latents: np.ndarray) -> list[float]:
-    """Return mean, sd, KL and KS; KL is infinite where all latents are one."""
-    with np.errstate(divide="ignore"):
-        return list(latent_figures(latents.astype(np.float64)).values())
 
 
 def _check(history: History, name: str) -> None:

@@ -1,31 +1,31 @@
 """The latent slider: drag one number, or three, and watch the response that an SLR decodes from it."""
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
-from crfbench.checks import as_numbers
+from crfbench.checks import as_numbers, check_choice
 from crfbench.curves import GRID, Array, axis_labels
 from crfbench.datasets import Responses
 from crfbench.errors import InputError
 from crfbench.files import write_new
+from crfbench.models.registry import ModelKey, load_model, pretrained_models
 from crfbench.models.slr import SLR
-from crfbench.models.weights import shipped_weights
-from crfbench.widgets.assets import join
-from crfbench.widgets.page import frame, page
+from crfbench.widgets.assets import SyncedTrait, bundle, join
+from crfbench.widgets.page import LivingWidget, page
 
 _STRIDE = 11  # 1023 = 3 * 11 * 31, so that every eleventh sample, 94 in all, includes both ends
+_ROUNDING = 1e-9  # of a latent
 _TITLE = "The latent slider"
 _SPELLING = {"ldl": "LDL", "auc": "AUC", "aae": "AAE", "vae": "VAE", "dorf": "DoRF", "opencrf": "OpenCRF"}
 
+Shown = str | ModelKey | SLR
 
-class LatentExplorer(anywidget.AnyWidget):
+
+class LatentExplorer(LivingWidget):
     """A slider for each latent of an SLR, the decoded response, and the latents of its training curves.
 
     The page decodes, from weights that it gets once, so the curve follows the hand at once and also where no Python
@@ -35,163 +35,132 @@ class LatentExplorer(anywidget.AnyWidget):
     exponents, polished by golden section) and which of the measured curves, by RMSE; both look at every eleventh
     sample, 94 of the 1024.
 
+    `latent` and `model` are traits that Python and the page share. The latent of a one-latent model is a plain number,
+    so that ``observe`` and ``link``, ``jslink`` with an ipywidgets slider work as with any widget; of several latents
+    it is a tuple.
+
     Parameters
     ----------
-    models : mapping of str to SLR, or sequence of SLR
-        One or more; the first is shown first. Those of a sequence are named by their cards.
+    models : str, ModelKey or SLR, or a sequence of them, or a mapping of str to SLR
+        One or more; the first is shown first. Names are those of `crfbench.load_model`.
     responses : Responses, optional
         Measured curves, of which the nearest is named and drawn. Exported pages hold only those whose licence is known.
 
-    Raises
-    ------
-    InputError
-        For arguments that do not fit, and for values set later that do not fit.
-
     Examples
     --------
-    >>> from crfbench.models import SLR
-    >>> explorer = LatentExplorer({"untrained": SLR(seed=1)})
+    >>> explorer = LatentExplorer("SLR-ldl-1")
+    >>> seen = []
+    >>> explorer.observe(lambda change: seen.append(change["new"]), "latent")
     >>> explorer.latent = 1.5
-    >>> explorer
-    LatentExplorer(model='untrained', latent=(1.5,))
+    >>> explorer, seen
+    (LatentExplorer(model='SLR-ldl-1', latent=1.5), [1.5])
     >>> explorer.curve.shape
     (1024,)
+
+    Linked with a slider, and with no Python in between:
+
+    >>> from ipywidgets import FloatSlider, jslink
+    >>> slider = FloatSlider(min=-4, max=4)
+    >>> _ = jslink((slider, "value"), (explorer, "latent"))
     """
 
-    _esm = join("controls.js", "plot.js", "latent_explorer.js")
+    _esm = bundle("latent_explorer.js")
     _css = join("widgets.css")
     #: The models and the measured curves; set once.
     _choices = traitlets.Dict().tag(sync=True)
-    #: What is shown, in one trait, so that neither side sees half of a change: model, latent, and how often Python
-    #: has set them. The page repeats that number, which tells what it sent before it knew of Python's last change.
-    _shown = traitlets.Dict().tag(sync=True)
+    _moved_by_both = frozenset({"model", "latent"})
 
-    def __init__(self, models: Mapping[str, SLR] | Sequence[SLR], responses: Responses | None = None) -> None:
-        super().__init__()
-        self._models = _by_name(models)
+    @SyncedTrait
+    def model(self, model: object) -> str:
+        """Name of the model that is shown; a new one keeps the latent if it has as many, and starts at 0 otherwise."""
+        return check_choice("model", model, self.models)
+
+    @SyncedTrait
+    def latent(self, latent: ArrayLike) -> float | tuple[float, ...]:
+        """Latent of the shown model: a number, or a tuple of several; beyond -4 or 4 the sliders stay at their ends."""
+        k = self.models[self.model].n_params
+        values = np.atleast_1d(as_numbers("latent", latent))
+        if values.shape != (k,) or not np.isfinite(values).all():
+            raise InputError(f"latent={latent!r} is not valid for {self.model}; use {k} finite number{'s' * (k > 1)}")
+        # An ipywidgets slider answers what a link tells it with the same number, rounded otherwise. That is no move.
+        shown = self.latent if self.trait_has_value("latent") else np.nan
+        if shown is not None and np.size(shown) == k and np.allclose(values, shown, rtol=0, atol=_ROUNDING):
+            return shown
+        return float(values[0]) if k == 1 else tuple(values.tolist())
+
+    def __init__(self, models: Shown | Sequence[Shown] | Mapping[str, SLR], responses: Responses | None = None) -> None:
+        # Before `super`, which checks the traits and sends them to the page.
+        self.models = _by_name(models)
         self._responses = responses
-        self._said: dict[str, Any] = {}
-        self._choices = _choices(self._models, responses)
-        self.model_name = next(iter(self._models))
+        first = next(iter(self.models))
+        start = np.zeros(self.models[first].n_params)
+        super().__init__(model=first, latent=start, _choices=_choices(self.models, responses))
 
     @classmethod
-    def shipped(cls, responses: Responses | None = None) -> "LatentExplorer":
-        """Show all shipped models, the one-latent inverse LDL model first."""
-        names = sorted(shipped_weights(), key=lambda name: name != "ldl-1-inverse")
-        return cls({name: _load(name) for name in names}, responses)
+    def pretrained(cls, responses: Responses | None = None) -> "LatentExplorer":
+        """Show all pretrained models, the one-latent inverse LDL model first."""
+        return cls(sorted(map(str, pretrained_models()), key=lambda name: name != "SLR-ldl-1"), responses)
 
     def __repr__(self) -> str:
-        return f"LatentExplorer(model={self.model_name!r}, latent={self.latent})"
+        return f"LatentExplorer(model={self.model!r}, latent={self.latent})"
 
-    @property
-    def model_name(self) -> str:
-        """Which model is shown; a new one keeps the latent if it has as many, and starts at 0 otherwise."""
-        return str(self._shown["model"])
-
-    @model_name.setter
-    def model_name(self, name: str) -> None:
-        if name not in list(self._models):
-            raise InputError(f"model_name={name!r} is not here; use one of {', '.join(self._models)}")
-        latent, k = self._shown.get("latent", []), self._models[name].n_params
-        self._show(name, latent if len(latent) == k else [0.0] * k)
-
-    @property
-    def model(self) -> SLR:
-        """The model that is shown; it can be set to another of those given."""
-        return self._models[self.model_name]
-
-    @model.setter
-    def model(self, model: SLR) -> None:
-        names = [name for name, known in self._models.items() if known is model]
-        if not names:
-            raise InputError(f"model={model!r} is not among those given; use one of {', '.join(self._models)}")
-        self.model_name = names[0]
-
-    @property
-    def latent(self) -> tuple[float, ...]:
-        """The latent; setting it moves the sliders, to their ends if it lies beyond -4 or 4."""
-        return tuple(float(z) for z in self._shown["latent"])
-
-    @latent.setter
-    def latent(self, latent: ArrayLike) -> None:
-        self._show(self.model_name, _check_latent(latent, self.model.n_params))
+    @traitlets.observe("model")
+    def _fit_latent(self, _change: object) -> None:
+        k = self.models[self.model].n_params
+        if np.size(self.latent) != k:
+            self.latent = np.zeros(k)
 
     @property
     def curve(self) -> Array:
         """The decoded curve, shape (1024,), of the model's direction."""
-        return self.model.decode(self.latent)
+        return self.models[self.model].decode(np.atleast_1d(self.latent))
 
     def to_csv(self, path: str | Path, overwrite: bool = False) -> None:
-        """Write the curve as two columns, irradiance and brightness.
-
-        Raises
-        ------
-        InputError
-            Where there is a file already and `overwrite` is false.
-        """
-        columns = (GRID, self.curve) if self.model.direction == "forward" else (self.curve, GRID)
-        text = io.StringIO()
-        np.savetxt(
-            text, np.stack(columns, axis=1), fmt="%.9g", delimiter=",", header="irradiance,brightness", comments=""
-        )
-        write_new(path, text.getvalue().encode(), overwrite)
+        """Write the curve as two columns, irradiance and brightness."""
+        forward = self.models[self.model].direction == "forward"
+        columns = (GRID, self.curve) if forward else (self.curve, GRID)
+        rows = [f"{irradiance:.9g},{brightness:.9g}" for irradiance, brightness in zip(*columns, strict=True)]
+        write_new(path, "\n".join(["irradiance,brightness", *rows, ""]).encode(), overwrite)
 
     def to_html(self, path: str | Path, title: str = _TITLE, overwrite: bool = False) -> None:
         """Write one HTML page with all models, which works from a file and asks the network for nothing.
 
         Measured curves without a known licence stay out of it, since pages are made to be passed on.
-
-        Raises
-        ------
-        InputError
-            Where there is a file already and `overwrite` is false.
         """
-        write_new(path, page(self, title, self._public(self._models)).encode(), overwrite)
+        write_new(path, page(self, title, self._public(self.models)).encode(), overwrite)
 
-    def _show(self, name: str, latent: list[float]) -> None:
-        self._said = {"model": name, "latent": latent, "revision": self._said.get("revision", 0) + 1}
-        self._shown = self._said
-
-    @traitlets.validate("_shown")
-    def _refuse_the_outdated(self, proposal: Mapping[str, Any]) -> dict[str, Any]:
-        """Keep what Python has said last from what the page sent before it heard of it."""
-        shown: dict[str, Any] = proposal["value"]
-        return shown if shown["revision"] >= self._said["revision"] else self._said
-
-    def _repr_mimebundle_(self, **kwargs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Add a page of the shown model, which is what HTML made from a saved notebook can still show."""
-        data, metadata = super()._repr_mimebundle_(**kwargs) or ({}, {})
-        alone = page(self, _TITLE, self._public({self.model_name: self.model}))
-        return {**data, "text/html": frame(alone, f"{self!r}: run this cell to see it.")}, metadata
+    def _alone(self) -> str:
+        return page(self, _TITLE, self._public({self.model: self.models[self.model]}))
 
     def _public(self, models: Mapping[str, SLR]) -> dict[str, object]:
         """Return the state of a page that may be passed on."""
         return {"_choices": _choices(models, _with_licence(self._responses))}
 
 
-def _by_name(models: Mapping[str, SLR] | Sequence[SLR]) -> dict[str, SLR]:
-    named = dict(models) if isinstance(models, Mapping) else {_name(model): model for model in models}
-    if not named or len(named) < len(models):
-        raise InputError(f"models={models!r} do not fit; use one or more, and a mapping where their cards agree")
-    return {str(name): model for name, model in named.items()}
+def _by_name(models: Shown | Sequence[Shown] | Mapping[str, SLR]) -> dict[str, SLR]:
+    if isinstance(models, Mapping):
+        pairs = [(str(name), model) for name, model in models.items()]
+    else:
+        loaded = [_load(model) for model in ([models] if isinstance(models, Shown) else models)]
+        pairs = [(_name(model), model) for model in loaded]
+    if not pairs or len(dict(pairs)) < len(pairs):
+        raise InputError(f"models={models!r} are none or have equal names; use one or more, and a mapping to name them")
+    return dict(pairs)
+
+
+def _load(model: Shown) -> SLR:
+    loaded = model if isinstance(model, SLR) else load_model(model)
+    if not isinstance(loaded, SLR):
+        raise InputError(f"model {model!r} has no latent; use one such as 'SLR-ldl-1'")
+    return loaded
 
 
 def _name(model: SLR) -> str:
-    """Return a name like that of shipped weights."""
-    kind = "-monotone" if model.monotone else ""
-    return f"{model.card_.get('constraint', 'untrained')}{kind}-{model.n_params}-{model.direction}"
-
-
-def _load(name: str) -> SLR:
-    constraint, n_latent, direction = name.rsplit("-", 2)
-    return SLR.load(constraint, int(n_latent), "forward" if direction == "forward" else "inverse")
-
-
-def _check_latent(latent: ArrayLike, k: int) -> list[float]:
-    values = np.atleast_1d(as_numbers("latent", latent))
-    if values.shape != (k,) or not np.isfinite(values).all():
-        raise InputError(f"latent={latent!r} does not fit; use {k} finite numbers")
-    return values.tolist()
+    """Return the model's name, which for bundled weights is that of their file."""
+    kind = str(model.metadata_.get("constraint", "untrained"))
+    if model.monotone:
+        kind = "open" if model.metadata_.get("data") == "opencrf" else "monotone"
+    return str(ModelKey(model.name, kind, model.n_params, model.direction))
 
 
 def _choices(models: Mapping[str, SLR], responses: Responses | None) -> dict[str, object]:
@@ -228,7 +197,7 @@ def _facets(models: Mapping[str, SLR]) -> list[dict[str, object]]:
 
 
 def _traits(name: str, model: SLR) -> dict[str, str]:
-    constraint, data = (str(model.card_.get(key, "")) for key in ("constraint", "data"))
+    constraint, data = (str(model.metadata_.get(key, "")) for key in ("constraint", "data"))
     return {
         "Constraint": _SPELLING.get(constraint, constraint) or name,
         "Latents": str(model.n_params),

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
 from typing import Any
 
 import anywidget
@@ -10,49 +9,23 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
-from crfbench.checks import as_numbers
+from crfbench.checks import as_finite, check_choice, check_count
 from crfbench.curves import Array, as_curves, axis_labels
 from crfbench.errors import InputError
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
-from crfbench.models import ResponseModel
-from crfbench.widgets.assets import join
+from crfbench.models import ModelKey, ResponseModel
+from crfbench.widgets.assets import SyncedTrait, bundle, join
 
 _REACH = 4.0  # standard deviations on either side of the mean
 _LEAST_SD = 1e-2  # of a parameter that is the same for all curves, so that its slider still moves something
 
 
-@dataclass(frozen=True)
-class _Travel:
-    """How the sliders of a model map to its parameters: position = (free - mean) / sd, all of shape (k,)."""
-
-    model: ResponseModel
-    mean: Array
-    sd: Array
-
-    @classmethod
-    def over(cls, model: ResponseModel, curves: Array) -> "_Travel":
-        """Take the travel from the model's prior over `curves`, leaving the caller's own prior alone."""
-        prior = copy(model).learn_prior(curves).prior_
-        assert prior is not None  # noqa: S101 - learn_prior has just set it
-        return cls(model, prior.mean, np.maximum(np.sqrt(np.diag(prior.covariance)), _LEAST_SD))
-
-    def params(self, positions: ArrayLike) -> Array:
-        return self.model.from_free(self.mean + self.sd * np.asarray(positions, dtype=np.float64))
-
-    def positions(self, params: Array) -> Array:
-        return (self.model.to_free(params) - self.mean) / self.sd
-
-    def ends(self) -> tuple[Array, Array]:
-        """Return the lowest and highest positions; `from_free` may stop before the full reach."""
-        reach = np.full(self.model.n_params, _REACH)
-        return self.positions(self.params(-reach)).round(9), self.positions(self.params(reach)).round(9)
-
-
 class ModelExplorer(anywidget.AnyWidget):
     """Curves beside models whose parameters are sliders; every value can be read and set from Python too.
 
-    A slider moves one free parameter over its mean and 4 standard deviations on either side, as fitted to
-    `curves`, and shows the parameter itself. Python decodes; the page only draws.
+    A slider moves one unconstrained parameter over its mean and 4 standard deviations on either side, as fitted to
+    `curves`, and shows the parameter itself. Python decodes; the page only draws. `index`, `model`, `params` and
+    `show_valid` are traits, for ``observe`` and ``link``.
 
     Parameters
     ----------
@@ -63,11 +36,6 @@ class ModelExplorer(anywidget.AnyWidget):
     models : sequence of ResponseModel
         One or more, all of one direction, no two with the same name and number of parameters.
 
-    Raises
-    ------
-    InputError
-        For arguments that do not fit together, and for values set later that do not fit.
-
     Examples
     --------
     >>> from crfbench.curves import GRID
@@ -76,156 +44,157 @@ class ModelExplorer(anywidget.AnyWidget):
     >>> explorer.index = 1
     >>> explorer.fit()
     >>> explorer
-    ModelExplorer(curve='bright', model='Gamma(1)')
+    ModelExplorer(curve='bright', model='Gamma-1')
     >>> round(explorer.params[0], 6)
     0.5
     """
 
-    _esm = join("controls.js", "plot.js", "wishes.js", "model_explorer.js")
+    _esm = bundle("model_explorer.js")
     _css = join("widgets.css")
     #: What can be chosen and what the axes show; set once.
     _choices = traitlets.Dict().tag(sync=True)
     #: All that is drawn, in one trait, so that the page never sees half of a change, nor does a saved notebook.
     _scene = traitlets.Dict().tag(sync=True)
 
+    @SyncedTrait
+    def index(self, index: object) -> int:
+        """Which curve is shown, from 0."""
+        return check_count("index", index, least=0, most=len(self._curves) - 1)
+
+    @SyncedTrait
+    def model(self, model: object) -> str:
+        """Name of the model that is shown, such as "GGCM-3"; a new one starts at its mean parameters."""
+        return check_choice("model", model, self.models)
+
+    @SyncedTrait
+    def params(self, params: ArrayLike) -> tuple[float, ...]:
+        """Parameters of the model; beyond their sliders' ends the sliders stay there."""
+        model = self.models[self.model]
+        values = as_finite("params", params)
+        if values.shape != (model.n_params,):
+            raise InputError(f"params have shape {values.shape}, wrong for {model!r}; use ({model.n_params},)")
+        model.decode(values)  # refuses what lies outside the model's domain
+        return tuple(values.tolist())
+
+    @SyncedTrait
+    def show_valid(self, show: object) -> bool:
+        """Whether the nearest valid curve to the decoded one is drawn as well."""
+        if not isinstance(show, bool):
+            raise InputError(f"show_valid={show!r} is not a valid switch; use True or False")
+        return show
+
     def __init__(self, names: Sequence[str], curves: ArrayLike, models: Sequence[ResponseModel]) -> None:
-        super().__init__()
+        # Before `super`, which checks the traits and draws the first scene.
         self._curves = as_curves(curves)
         self._names = _check_names(names, len(self._curves))
-        self._models = _by_name(models)
-        self._travels: dict[str, _Travel] = {}
-        self._index, self._show_valid, self._request = 0, False, ""
+        self.models = _by_name(models)
+        # The page's request that the next scene answers, and what it says besides.
+        self._request, self._message = "", ""
+        self._travels: dict[str, tuple[Array, Array]] = {}
+        first = next(iter(self.models))
         x_label, y_label = axis_labels(models[0].direction)
-        self._choices = {"names": self._names, "models": list(self._models), "xLabel": x_label, "yLabel": y_label}
+        choices = {"names": self._names, "models": list(self.models), "xLabel": x_label, "yLabel": y_label}
+        super().__init__(index=0, show_valid=False, model=first, params=self._mean(first), _choices=choices)
         self.on_msg(self._receive)
-        self.model_name = next(iter(self._models))
 
     def __repr__(self) -> str:
-        return f"ModelExplorer(curve={self._names[self._index]!r}, model={self._name!r})"
-
-    @property
-    def index(self) -> int:
-        """Which curve is shown, from 0."""
-        return self._index
-
-    @index.setter
-    def index(self, index: int) -> None:
-        n = len(self._curves)
-        if isinstance(index, bool) or not isinstance(index, int | np.integer) or not 0 <= index < n:
-            raise InputError(f"index={index!r} is no curve; use a whole number from 0 to {n - 1}")
-        self._index = int(index)
-        self._draw()
-
-    @property
-    def model_name(self) -> str:
-        """Which model is shown, for example "GGCM(3)"; setting it starts at the model's mean parameters."""
-        return self._name
-
-    @model_name.setter
-    def model_name(self, name: str) -> None:
-        if name not in list(self._models):
-            raise InputError(f"model_name={name!r} is not here; use one of {', '.join(self._models)}")
-        self._name = name
-        self.reset()
-
-    @property
-    def params(self) -> tuple[float, ...]:
-        """The model's parameters; setting them moves the sliders, to their ends if they lie beyond."""
-        return tuple(self._params.tolist())
-
-    @params.setter
-    def params(self, params: ArrayLike) -> None:
-        self._place(params)
-        self._draw()
-
-    @property
-    def show_valid(self) -> bool:
-        """Whether the nearest valid curve to the decoded one is drawn as well."""
-        return self._show_valid
-
-    @show_valid.setter
-    def show_valid(self, show: bool) -> None:
-        if not isinstance(show, bool):
-            raise InputError(f"show_valid={show!r} is no switch; use True or False")
-        self._show_valid = show
-        self._draw()
+        return f"ModelExplorer(curve={self._names[self.index]!r}, model={self.model!r})"
 
     @property
     def curve(self) -> Array:
         """The decoded curve, shape (1024,)."""
-        return self._decoded.copy()
+        return self.models[self.model].decode(self.params)
 
     def fit(self) -> None:
         """Set the parameters with the least MSE to the shown curve."""
-        self._place(self._models[self._name].fit(self._curves[self._index])[0])
-        error = rmse(self._decoded, self._curves[self._index])
-        self._draw(f"Fitted {self._name} to {self._names[self._index]}: RMSE {error:.4g}")
+        model, target = self.models[self.model], self._curves[self.index]
+        params = model.fit(target)[0]
+        error = rmse(model.decode(params), target)
+        self._message = f"Fitted {self.model} to {self._names[self.index]}: RMSE {error:.4g}"
+        self.params = params
+        if self._message:  # the parameters were these already, so nothing has been drawn
+            self._draw()
 
     def reset(self) -> None:
         """Set the mean parameters over all curves."""
-        self.params = self._travel().params(np.zeros(self._models[self._name].n_params))
+        self.params = self._mean(self.model)
 
-    def _travel(self) -> _Travel:
-        """Return the travel of the model's sliders, learned when the model is first shown."""
-        if self._name not in self._travels:
-            self._travels[self._name] = _Travel.over(self._models[self._name], self._curves)
-        return self._travels[self._name]
+    @traitlets.observe("index", "model", "params", "show_valid")
+    def _draw(self, change: Any = None) -> None:
+        if change is not None and change["name"] == "model":
+            self.reset()
+        model, target, curve = self.models[self.model], self._curves[self.index], self.curve
+        message, self._message = self._message, ""
+        self._scene = {
+            "answered": self._request,
+            "index": self.index,
+            "model": self.model,
+            "sliders": self._sliders(),
+            "message": message,
+            "target": _samples(target),
+            "decoded": _samples(curve),
+            "valid": _samples(model.nearest_valid(np.array(self.params))) if self.show_valid else None,
+            **_judge(curve, target),
+        }
 
-    def _receive(self, _widget: object, wish: dict[str, Any], _buffers: object) -> None:
+    def _receive(self, _widget: object, message: dict[str, Any], _buffers: object) -> None:
         """Do what the page asks; the scene that results carries the number of the request as its answer."""
-        self._request = wish["request"]
-        match wish["kind"]:
+        self._request = message["request"]
+        match message["kind"]:
             case "fit":
                 self.fit()
             case "reset":
                 self.reset()
             case "positions":
-                self.params = self._travel().params(wish["value"])
-            case "index" | "model_name" | "show_valid" as name:
-                setattr(self, name, wish["value"])
+                self.params = self._at(self.model, message["value"])
+            case "index" | "model" | "show_valid" as name:
+                setattr(self, name, message["value"])
+        if self._scene["answered"] != self._request:  # nothing has changed
+            self._draw()
 
-    def _place(self, params: ArrayLike) -> None:
-        self._params, self._decoded = _decode(self._models[self._name], params)
+    def _travel(self, name: str) -> tuple[Array, Array]:
+        """Return the means and standard deviations of a model's unconstrained parameters over all curves.
 
-    def _draw(self, message: str = "") -> None:
-        nearest = _samples(self._models[self._name].nearest_valid(self._params)) if self._show_valid else None
-        self._scene = {
-            "answered": self._request,
-            "index": self._index,
-            "model": self._name,
-            "sliders": self._sliders(),
-            "message": message,
-            "target": _samples(self._curves[self._index]),
-            "decoded": _samples(self._decoded),
-            "valid": nearest,
-            **_judge(self._decoded, self._curves[self._index]),
-        }
+        They are learned when the model is first shown, by a copy, since the caller's model may have a prior of its own.
+        """
+        if name not in self._travels:
+            prior = copy(self.models[name]).learn_prior(self._curves).prior_
+            assert prior is not None  # noqa: S101 - learn_prior has just set it
+            self._travels[name] = prior.mean, np.maximum(np.sqrt(np.diag(prior.covariance)), _LEAST_SD)
+        return self._travels[name]
+
+    def _at(self, name: str, positions: ArrayLike) -> Array:
+        """Return the parameters at these positions of the sliders, which are in standard deviations from the mean."""
+        mean, sd = self._travel(name)
+        return self.models[name].from_unconstrained(mean + sd * np.asarray(positions, dtype=np.float64))
+
+    def _mean(self, name: str) -> Array:
+        return self._at(name, np.zeros(self.models[name].n_params))
+
+    def _positions(self, params: Array) -> Array:
+        mean, sd = self._travel(self.model)
+        return (self.models[self.model].to_unconstrained(params) - mean) / sd
 
     def _sliders(self) -> list[dict[str, float | str]]:
-        travel = self._travel()
-        columns = (*travel.ends(), travel.positions(self._params), self._params)
-        rows = zip(travel.model.param_names, *(column.tolist() for column in columns), strict=True)
+        model = self.models[self.model]
+        # `from_unconstrained` may stop before the full reach.
+        ends = [self._positions(self._at(self.model, side * np.ones(model.n_params))) for side in (-_REACH, _REACH)]
+        columns = [*np.round(ends, 9), self._positions(np.array(self.params)), np.array(self.params)]
+        rows = zip(model.param_names, *(column.tolist() for column in columns), strict=True)
         return [dict(zip(("name", "min", "max", "position", "param"), row, strict=True)) for row in rows]
 
 
 def _check_names(names: Sequence[str], n: int) -> list[str]:
     if isinstance(names, str) or len(names) != n or n < 2:
-        raise InputError(f"{len(names)} names do not fit {n} curves; use two or more curves and one name a curve")
+        raise InputError(f"there are {len(names)} names for {n} curves; use two or more curves and one name a curve")
     return [str(name) for name in names]
 
 
 def _by_name(models: Sequence[ResponseModel]) -> dict[str, ResponseModel]:
-    named = {f"{model.name}({model.n_params})": model for model in models}
+    named = {str(ModelKey(model.name, "", model.n_params, model.direction)): model for model in models}
     if not models or len(named) < len(models) or len({model.direction for model in models}) > 1:
-        raise InputError(f"models={list(models)!r} do not fit; use one or more different ones, all of one direction")
+        raise InputError(f"models={list(models)!r} are not valid; use one or more different ones, all of one direction")
     return named
-
-
-def _decode(model: ResponseModel, params: ArrayLike) -> tuple[Array, Array]:
-    values = as_numbers("params", params).copy()
-    if values.shape != (model.n_params,):
-        raise InputError(f"params of shape {values.shape} do not fit {model!r}; use ({model.n_params},)")
-    return values, as_curves(model.decode(values))[0]
 
 
 def _samples(curve: Array) -> bytes:

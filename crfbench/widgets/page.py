@@ -8,51 +8,74 @@ import html
 import json
 from collections.abc import Mapping
 from string import Template
+from typing import Any
 
 import anywidget
+import traitlets
 
-from crfbench.widgets.assets import join
+from crfbench.widgets.assets import bundle, join
+
+
+class LivingWidget(anywidget.AnyWidget):
+    """A widget that the page moves by itself, with Python or without it, and that Python moves too."""
+
+    #: How often Python has moved it.
+    _python_moves = traitlets.Int(0).tag(sync=True)
+    #: That number as the page knew it when it made its last move, and how many moves the page has made.
+    _page_moves = traitlets.List([0, 0]).tag(sync=True)
+    # Whether traits are changing because the page said so.
+    _receiving = False
+    _moved_by_both: frozenset[str] = frozenset()
+
+    def notify_change(self, change: Any) -> None:
+        """Count Python's moves; the page hears of the move and of its number in one message."""
+        if change["name"] in self._moved_by_both and not self._receiving:
+            with self.hold_sync():
+                self._python_moves += 1
+                super().notify_change(change)
+        else:
+            super().notify_change(change)
+
+    def set_state(self, sync_data: dict[str, Any]) -> None:
+        """Take what the page sends, unless it was sent before the page heard of Python's last move.
+
+        While a cell runs, messages of the page wait; without this, such an old one would undo what the cell has set.
+        """
+        known, _ = sync_data.get("_page_moves", (self._python_moves, 0))
+        if known < self._python_moves:
+            return
+        self._receiving = True
+        try:
+            super().set_state(sync_data)
+        finally:
+            self._receiving = False
+
+    def _alone(self) -> str:
+        """Return a page of the widget for notebooks made into HTML."""
+        raise NotImplementedError
+
+    def _repr_mimebundle_(self, **kwargs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Add a page of its own, which is what HTML made from a saved notebook can still show."""
+        data, metadata = super()._repr_mimebundle_(**kwargs) or ({}, {})
+        return {**data, "text/html": frame(self._alone(), f"{self!r}: run this cell to see it.")}, metadata
 
 
 def page(widget: anywidget.AnyWidget, title: str, state: Mapping[str, object] | None = None) -> str:
     """Return a page of one widget, holding its module, styles and synchronised traits.
 
-    Parameters
-    ----------
-    widget : AnyWidget
-    title : str
-        Plain text.
-    state : mapping, optional
-        Values to take instead of the widget's own, by the name of their traits.
+    `title` is plain text; `state` has values to take instead of the widget's own, by the name of their traits.
     """
     return document(title, f"<h1>{html.escape(title)}</h1>\n{island(widget, state)}")
 
 
 def document(title: str, body: str, style: str = "") -> str:
-    """Return a page around `body`, which is HTML with a first heading and any number of islands.
-
-    Parameters
-    ----------
-    title : str
-        Plain text.
-    body, style : str
-        HTML and CSS that may be trusted.
-    """
-    parts = {"title": html.escape(title), "style": style, "body": body, "script": join("controls.js", "page.js")}
+    """Return a page around `body`, trusted HTML with a first heading and any number of islands; `title` is text."""
+    parts = {"title": html.escape(title), "style": style, "body": body, "script": bundle("page.js")}
     return Template(join("page.html")).substitute(parts)
 
 
 def island(widget: anywidget.AnyWidget, state: Mapping[str, object] | None = None, name: str = "content") -> str:
-    """Return a place for a widget and all it needs, to put into a `document`.
-
-    Parameters
-    ----------
-    widget : AnyWidget
-    state : mapping, optional
-        Values to take instead of the widget's own, by the name of their traits.
-    name : str
-        Unlike that of any other island of the page.
-    """
+    """Return a place for a widget and all it needs, to put into a `document`; `name` differs from other islands'."""
     content = {"module": str(widget._esm), "css": str(widget._css), "state": {**_state(widget), **(state or {})}}
     # No "<" means that nothing in the JSON can end the script element it lies in.
     text = json.dumps(content, default=_base64, sort_keys=True).replace("<", "\\u003c")
@@ -60,14 +83,9 @@ def island(widget: anywidget.AnyWidget, state: Mapping[str, object] | None = Non
 
 
 def frame(document: str, instead: str) -> str:
-    """Return a page as a frame to put into another page, which it fits to its own height.
+    """Return a page as a frame in another page, as high as its content; `instead` is shown where frames are not.
 
-    Parameters
-    ----------
-    document : str
-        A page.
-    instead : str
-        Text for where frames are not shown, as in notebooks that are not trusted yet.
+    Notebooks that are not trusted yet show none.
     """
     style = "width: 100%; height: 640px; border: 0"
     return f'<iframe srcdoc="{html.escape(document)}" style="{style}">{html.escape(instead)}</iframe>'

@@ -8,7 +8,7 @@ import pandas as pd
 import traitlets
 
 from crfbench.errors import InputError
-from crfbench.widgets.assets import join
+from crfbench.widgets.assets import bundle, join
 
 _MISSING = "–"
 
@@ -31,11 +31,6 @@ class SortableTable(anywidget.AnyWidget):
     formats : mapping, optional
         How numbers are written, by column, as in ``{"rmse": "{:.4f}"}``.
 
-    Raises
-    ------
-    InputError
-        For a frame without rows, and for a label, note or format of no column.
-
     Examples
     --------
     >>> frame = pd.DataFrame({"model": ["Gamma", "EMoR"], "rmse": [0.0421, 0.0049]})
@@ -43,7 +38,7 @@ class SortableTable(anywidget.AnyWidget):
     SortableTable('Fits', 2 rows)
     """
 
-    _esm = join("controls.js", "sortable_table.js")
+    _esm = bundle("sortable_table.js")
     _css = join("widgets.css", "sortable_table.css")
     #: Caption, columns and rows; set once.
     _table = traitlets.Dict().tag(sync=True)
@@ -56,27 +51,30 @@ class SortableTable(anywidget.AnyWidget):
         notes: Mapping[str, str] | None = None,
         formats: Mapping[str, str] | None = None,
     ) -> None:
-        super().__init__()
         labels, notes, formats = labels or {}, notes or {}, formats or {}
         unknown = sorted({*labels, *notes, *formats} - set(frame.columns))
         if unknown or frame.empty:
             have = ", ".join(map(str, frame.columns))
             raise InputError(f"the frame has {len(frame)} rows and no column {unknown}; use a filled one, of {have}")
-        columns = [_column(frame[name], str(labels.get(name, name)), str(notes.get(name, ""))) for name in frame]
+        columns = [
+            {
+                "label": str(labels.get(name, name)),
+                "note": str(notes.get(name, "")),
+                "numeric": pd.api.types.is_numeric_dtype(frame[name]),
+            }
+            for name in frame
+        ]
         cells = [[_cell(value, formats.get(name, "{}")) for value in frame[name]] for name in frame]
-        self._table = {"caption": caption, "columns": columns, "rows": [list(row) for row in zip(*cells, strict=True)]}
+        rows = [list(row) for row in zip(*cells, strict=True)]
+        super().__init__(_table={"caption": caption, "columns": columns, "rows": rows})
 
     def __repr__(self) -> str:
         return f"SortableTable({self._table['caption']!r}, {len(self._table['rows'])} rows)"
-
-
-def _column(values: "pd.Series[Any]", label: str, note: str) -> dict[str, Any]:
-    return {"label": label, "note": note, "numeric": pd.api.types.is_numeric_dtype(values)}
 
 
 def _cell(value: Any, form: str) -> dict[str, Any]:
     """Return what is written and what it sorts by, None where there is nothing."""
     if pd.isna(value):
         return {"text": _MISSING, "value": None}
-    plain = value.item() if hasattr(value, "item") else value
+    plain = value.item() if hasattr(value, "item") else value  # JSON knows no numbers of NumPy
     return {"text": form.format(plain), "value": plain}

@@ -9,9 +9,21 @@ from .looks import colours, overflowing, picture, readout, screenshot, settled, 
 pytestmark = pytest.mark.browser
 
 CELLS = [
-    "from crfbench.widgets import CalibrationExplorer\nexplorer = CalibrationExplorer()\nstart = explorer._state",
+    """from crfbench.widgets import CalibrationExplorer
+explorer = CalibrationExplorer()
+heard = []
+explorer.observe(heard.append, "patches")""",
     "explorer",
 ]
+
+
+START = {
+    "camera": "CanonEOS1DsMarkII",
+    "illumination": 1,
+    "model": "SLR-ldl-1",
+    "method": "posterior",
+    "patches": [19, 21, 24],
+}
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +43,8 @@ def opened(open_notebook: Callable, complaints: list[str]):
 
 @pytest.fixture
 def page(opened, run_python: Callable):
-    """Return the page with the first camera, three greys, SLR-ldl(1) and its posterior."""
-    run_python(opened, "explorer._change(start)")
+    """Return the page with the first camera, three greys, SLR-ldl-1 and its posterior."""
+    run_python(opened, f"explorer.set_state({START}); heard.clear()")
     wait_for_pressed(opened, ["19", "21", "24"])
     settled(opened)
     return opened
@@ -68,6 +80,7 @@ def test_a_click_takes_a_patch_in_or_out(page, run_python: Callable) -> None:
     settled(page)
     assert pressed(page) == ["19", "21", "22", "24"]
     assert tell(page, run_python, "explorer.patches") == "(19, 21, 22, 24)"
+    assert tell(page, run_python, "[change.new for change in heard]") == "[(19, 21, 22, 24)]"
     assert picture(page) != before
     error = float(tell(page, run_python, "explorer.rmse"))
     assert float(readout(page, "held-out RMSE")) == pytest.approx(error, rel=1e-3)
@@ -132,10 +145,10 @@ def test_another_camera_and_light(page, run_python: Callable) -> None:
 def test_another_model_and_method(page, run_python: Callable) -> None:
     methods = page.get_by_label("Method").locator("option")
     assert any(text.startswith("grid") for text in methods.all_inner_texts())
-    page.get_by_label("Model").select_option(label="EMoR(3)")
+    page.get_by_label("Model").select_option(label="EMoR-3")
     settled(page)
-    assert tell(page, run_python, "explorer.model") == "EMoR(3)"
-    assert not page.locator(".crf-belief").is_visible()
+    assert tell(page, run_python, "explorer.model") == "EMoR-3"
+    assert not page.locator(".crf-density-curve").is_visible()
     assert readout(page, "component 3")
     names = methods.all_inner_texts()
     assert any(text.startswith("lm") for text in names)
@@ -151,7 +164,7 @@ def test_the_papers_method_says_that_it_takes_time(page, run_python: Callable) -
     names = page.get_by_label("Method").locator("option").all_inner_texts()
     paper = next(text for text in names if text.startswith("paper"))
     assert "seconds" in paper
-    page.get_by_label("Model").select_option(label="Gamma(1)")
+    page.get_by_label("Model").select_option(label="Gamma-1")
     settled(page)
     page.get_by_label("Method").select_option(label=paper)
     settled(page)
@@ -176,10 +189,10 @@ def test_one_patch_is_refused_in_words_and_the_last_curve_fades(page, run_python
 
 
 def test_python_moves_the_page(page, run_python: Callable) -> None:
-    run_python(page, "explorer.camera, explorer.patches, explorer.model = 'NikonD70', (1, 2, 23), 'PPISP(4)'")
+    run_python(page, "explorer.camera, explorer.patches, explorer.model = 'NikonD70', (1, 2, 23), 'PPISP-4'")
     wait_for_pressed(page, ["1", "2", "23"])
     page.wait_for_function("() => document.querySelector('.crf select').selectedOptions[0].text === 'NikonD70'")
-    assert page.get_by_label("Model").locator("option:checked").inner_text() == "PPISP(4)"
+    assert page.get_by_label("Model").locator("option:checked").inner_text() == "PPISP-4"
 
 
 def test_colours_follow_the_theme(page) -> None:

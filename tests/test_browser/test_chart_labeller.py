@@ -52,9 +52,7 @@ def opened(open_notebook: Callable, lab):
 def page(opened, run_python: Callable):
     """Return the page with the first photograph and no labels; no test may leave an error in the console."""
     opened.evaluate("document.activeElement.blur()")
-    run_python(
-        opened, f"labeller.labels = {{'other': {CORNERS.tolist()}}}; labeller.labels = {{}}; labeller._index = 0"
-    )
+    run_python(opened, f"labeller.labels = {{'other': {CORNERS.tolist()}}}; labeller.labels = {{}}; labeller.index = 0")
     opened.wait_for_function("() => document.querySelector('.crf select').value === '0'")
     opened.wait_for_function("() => document.querySelector('.crf [role=status]').textContent.includes('0 of 3')")
     settled(opened)
@@ -219,10 +217,30 @@ def test_previous_next_and_the_list_show_photographs(page) -> None:
     page.wait_for_function("(before) => document.querySelector('.crf canvas').toDataURL() === before", arg=seen[0])
 
 
-def test_crossed_corners_are_said(page) -> None:
+def test_crossed_corners_are_said_and_never_a_label(page, run_python: Callable) -> None:
+    start = place(page, 1)
     drag_corner(page, 1, np.array([0.95, 0.3]))
     assert page.get_by_role("status").inner_text().startswith("The corners cross or run anticlockwise")
     assert page.get_by_role("img", name="no patches").count() == 1
+    assert labels(page, run_python) == {}
+    drag_corner(page, 2, np.array([0.97, 0.2]))
+    assert page.get_by_role("status").inner_text().startswith("The corners cross"), "they stay where they were put"
+    page.get_by_role("button", name="Undo").click()
+    assert place(page, 1) == start
+    drag_corner(page, 1, CORNERS[0])
+    wait_for_labels(page, run_python, ["first"])
+
+
+def test_python_hears_of_a_drag_and_shows_another_photograph(page, run_python: Callable) -> None:
+    run_python(page, "heard = []; labeller.observe(lambda change: heard.append(change.name), ['labels', 'index'])")
+    drag_corner(page, 1, CORNERS[0])
+    wait_for_labels(page, run_python, ["first"])
+    run_python(page, "labeller.index = 2")
+    page.wait_for_function("() => document.querySelector('.crf select').value === '2'")
+    page.get_by_role("button", name="previous photograph").click()
+    page.wait_for_function("() => document.querySelector('.crf select').value === '1'")
+    assert run_python(page, "print(heard, labeller.index)").strip() == "['labels', 'index', 'index'] 1"
+    run_python(page, "labeller.unobserve_all(['labels'])")
 
 
 def test_a_corner_stays_in_the_photograph(page, run_python: Callable) -> None:

@@ -1,13 +1,13 @@
 """EpochPlayer and TrainingPanel as a user meets them: play, drag, train, stop."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from crfbench.history import load_history
-from crfbench.tables.latents import latent_figures
+from crfbench.history import latent_statistics, load_history
 from crfbench.widgets import EpochPlayer
 
 from .looks import colours, drag, overflowing, picture, screenshot, settled, switch_theme
@@ -36,7 +36,7 @@ def opened(open_notebook: Callable):
 
 @pytest.fixture
 def page(opened, run_python: Callable):
-    """Return the page with the shipped histories alone, paused at the last epoch."""
+    """Return the page with the bundled histories alone, paused at the last epoch."""
     run_python(opened, "panel.stop(); panel.wait(); player._columns = player._columns[:5]")
     opened.wait_for_function("() => document.querySelectorAll('.crf-player .crf-column').length === 5")
     if opened.get_by_role("button", name="Pause").count():
@@ -127,6 +127,25 @@ def test_keyboard_moves_the_epoch_and_not_the_notebook(page) -> None:
     assert page.locator(".jp-CodeCell").count() == len(CELLS)
 
 
+def test_python_moves_the_epoch_and_hears_of_it(page, run_python: Callable) -> None:
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_function("() => document.querySelector('.crf-play input').valueAsNumber > 4")
+    run_python(page, "player.epoch = 900")  # also ends the animation, whose last moves are still under way
+    kept = max(epoch for epoch in load_history("ldl").epochs + 1 if epoch <= 900)
+    page.locator(".crf-play output", has_text=f"{kept} of 1000").wait_for()
+    page.get_by_role("button", name="Play").wait_for()
+    settled(page)
+    assert run_python(page, "print(player.epoch)").strip() == "900"
+    run_python(page, "heard = []; hear = lambda change: heard.append(change['new']); player.observe(hear, 'epoch')")
+    drag(page, slider(page), 0.1)
+    settled(page)
+    shown = slider(page).get_attribute("aria-valuetext").split()[0]
+    end = time.monotonic() + 20
+    while (heard := run_python(page, "print(*heard)").split()) == [] or heard[-1] != shown:
+        assert time.monotonic() < end, f"Python heard {heard}, not {shown} at last"
+    run_python(page, "player.unobserve(hear, 'epoch')")
+
+
 @pytest.mark.parametrize("keys", [["End"], ["Home"], ["Home", *["PageUp"] * 4]])
 def test_histogram_and_figures_are_those_of_numpy(page, keys: list[str]) -> None:
     for key in keys:
@@ -136,7 +155,7 @@ def test_histogram_and_figures_are_those_of_numpy(page, keys: list[str]) -> None
         row = history.latents[position(page)]
         expected = np.histogram(row.clip(-5, 5), bins=40, range=(-5, 5))[0]
         assert counts(page, name) == expected.tolist()
-        np.testing.assert_allclose(figures(page, name), list(latent_figures(row.astype(float)).values()), atol=6e-4)
+        np.testing.assert_allclose(figures(page, name), list(latent_statistics(row.astype(float)).values()), atol=6e-4)
 
 
 def test_less_motion_means_one_step_a_second(page) -> None:
@@ -165,7 +184,7 @@ def test_a_training_shows_its_progress_and_joins_the_player(page, run_python: Ca
     column(page, "VAE, seed 4").wait_for()
     assert page.evaluate("document.activeElement.textContent") == "Start"
     assert page.locator(PANEL).get_by_text("600 of 600").is_visible()
-    assert run_python(page, "print(len(panel.history), panel.model.card_['constraint'])").split() == ["600", "vae"]
+    assert run_python(page, "print(len(panel.history), panel.model.metadata_['constraint'])").split() == ["600", "vae"]
     assert sum(counts(page, "VAE, seed 4")) == 13
     assert "ended at 600, n = 13" in column(page, "VAE, seed 4").inner_text()
     slider(page).press("Home")
@@ -181,7 +200,7 @@ def test_stop_keeps_what_was_trained(page, run_python: Callable) -> None:
     assert 1 <= trained < 5000
     assert f"after {trained} of 5000 epochs" in message
     column(page, "LDL, seed 2").wait_for()
-    assert run_python(page, "print(panel.model.card_['trained_epochs'], panel.running)").split() == [
+    assert run_python(page, "print(panel.model.metadata_['trained_epochs'], panel.running)").split() == [
         str(trained),
         "False",
     ]
@@ -189,7 +208,7 @@ def test_stop_keeps_what_was_trained(page, run_python: Callable) -> None:
 
 def test_what_cannot_be_trained_is_said_in_one_sentence(page) -> None:
     ask_for_training(page, "LDL", 0, 0)
-    assert wait_for_status(page, "epochs=0") == "epochs=0 does not fit; use a whole number from 1 to 5000"
+    assert wait_for_status(page, "epochs=0") == "epochs=0 is out of range; use a whole number from 1 to 5000"
     page.get_by_label("Epochs", exact=True).fill("300")
 
 

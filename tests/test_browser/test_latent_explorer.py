@@ -13,7 +13,7 @@ import pytest
 from crfbench.curves import GRID
 from crfbench.datasets import load_opencrf
 from crfbench.metrics import rmse
-from crfbench.models import Gamma
+from crfbench.models import Gamma, ModelKey
 from crfbench.models.slr import SLR
 from crfbench.widgets import LatentExplorer
 
@@ -23,12 +23,12 @@ pytestmark = pytest.mark.browser
 
 CELLS = [
     """import json
-from crfbench import load_responses
-from crfbench.models.slr import SLR
+from crfbench import SLR, load_responses
 from crfbench.widgets import LatentExplorer
 models = {name: SLR.load(f"{name}.safetensors") for name in json.load(open("models.json"))}
 explorer = LatentExplorer(models, load_responses("opencrf"))""",
     "explorer",
+    "import ipywidgets; holder = ipywidgets.VBox(); holder",
 ]
 LATENTS = {1: (-1.37,), 3: (0.9, -2.15, 0.4)}
 
@@ -41,16 +41,16 @@ def smooth_model(n_latent: int, direction: str, monotone: bool) -> SLR:
     model.weights_["decoder.0.weight"] *= 2
     model.weights_["decoder.2.weight"] = np.stack([3 / i * np.sin(np.pi * x * i) for i in range(1, 9)], 1).astype("f4")
     model.weights_["decoder.2.bias"] = (shift if direction == "inverse" else -shift[::-1]).astype("f4")
-    model.card_ = {"constraint": "ldl", "data": "opencrf"}
+    model.metadata_ = {"constraint": "ldl", "data": "opencrf"}
     return model
 
 
 MODELS = {
-    f"{'monotone' if monotone else 'ldl'}-{k}-{direction}": smooth_model(k, direction, monotone)
+    str(ModelKey("SLR", "monotone" if monotone else "ldl", k, direction)): smooth_model(k, direction, monotone)
     for monotone, k, direction in product((False, True), (1, 3), ("inverse", "forward"))
 }
-MODELS["baseline-1-inverse"] = smooth_model(1, "inverse", False)
-MODELS["baseline-1-inverse"].card_["constraint"] = "baseline"
+MODELS["SLR-baseline-1"] = smooth_model(1, "inverse", False)
+MODELS["SLR-baseline-1"].metadata_["constraint"] = "baseline"
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +66,12 @@ def opened(open_notebook: Callable, lab):
 @pytest.fixture
 def page(opened, run_python: Callable):
     """Return the page with the one-latent inverse LDL model at 0."""
-    show(opened, run_python, "ldl-1-inverse", (0.0,))
+    show(opened, run_python, "SLR-ldl-1", (0.0,))
     return opened
 
 
 def show(page, run_python: Callable, name: str, latent: tuple[float, ...]) -> None:
-    run_python(page, f"explorer.model_name = {name!r}; explorer.latent = {latent}")
+    run_python(page, f"explorer.model = {name!r}; explorer.latent = {latent}")
     wait_for_label(page, name, latent)
 
 
@@ -82,8 +82,9 @@ def wait_for_label(page, name: str, latent: tuple[float, ...]) -> None:
 
 def wait_for_python(page, run_python: Callable, latent: tuple[float, ...]) -> None:
     """Wait until the last move has reached Python; Jupyter sends the next one only when Python has taken the last."""
-    end = time.monotonic() + 5
-    while (held := tuple(map(float, run_python(page, "print(*explorer.latent)").split()))) != latent:
+    end = time.monotonic() + 60
+    code = "import numpy as np; print(*np.atleast_1d(explorer.latent))"
+    while (held := tuple(map(float, run_python(page, code).split()))) != latent:
         assert time.monotonic() < end, f"Python has {held}, not {latent}"
 
 
@@ -117,7 +118,7 @@ def test_mouse_drag_moves_curve_and_python(page, run_python: Callable) -> None:
     assert reached == pytest.approx(0.2 * 8, abs=0.2)
     wait_for_python(page, run_python, (reached,))
     assert picture(page) != before
-    wait_for_label(page, "ldl-1-inverse", (reached,))
+    wait_for_label(page, "SLR-ldl-1", (reached,))
 
 
 def test_keyboard_moves_the_slider_and_not_the_notebook(page, run_python: Callable) -> None:
@@ -142,11 +143,11 @@ def test_only_models_that_exist_are_offered(page, run_python: Callable) -> None:
         return page.get_by_label(label, exact=True).locator("option").all_inner_texts()
 
     page.get_by_label("Decoder", exact=True).select_option("monotone")
-    wait_for_label(page, "monotone-1-inverse", (0.0,))
-    assert run_python(page, "print(explorer.model_name)").strip() == "monotone-1-inverse"
+    wait_for_label(page, "SLR-monotone-1", (0.0,))
+    assert run_python(page, "print(explorer.model)").strip() == "SLR-monotone-1"
     assert [offered(label) for label in ("Constraint", "Latents")] == [["LDL", "baseline"], ["1", "3"]]
     page.get_by_label("Constraint", exact=True).select_option("baseline")
-    wait_for_label(page, "baseline-1-inverse", (0.0,))
+    wait_for_label(page, "SLR-baseline-1", (0.0,))
     assert [offered(label) for label in ("Latents", "Decoder", "Direction")] == [["1"], ["plain"], ["inverse"]]
     assert page.get_by_label("Direction", exact=True).is_disabled()
     page.get_by_label("Constraint", exact=True).select_option("LDL")
@@ -155,26 +156,81 @@ def test_only_models_that_exist_are_offered(page, run_python: Callable) -> None:
 
 
 def test_another_model_of_as_many_latents_keeps_them(page, run_python: Callable) -> None:
-    show(page, run_python, "ldl-3-inverse", (0.5, -1.0, 2.0))
+    show(page, run_python, "SLR-ldl-3", (0.5, -1.0, 2.0))
     page.get_by_label("Direction", exact=True).select_option("forward")
-    wait_for_label(page, "ldl-3-forward", (0.5, -1.0, 2.0))
+    wait_for_label(page, "SLR-ldl-3-forward", (0.5, -1.0, 2.0))
     page.get_by_role("button", name="Reset").click()
-    wait_for_label(page, "ldl-3-forward", (0.0, 0.0, 0.0))
+    wait_for_label(page, "SLR-ldl-3-forward", (0.0, 0.0, 0.0))
     wait_for_python(page, run_python, (0.0, 0.0, 0.0))
 
 
 def test_python_moves_the_slider(page, run_python: Callable) -> None:
     run_python(page, "explorer.latent = 2.5")
-    wait_for_label(page, "ldl-1-inverse", (2.5,))
+    wait_for_label(page, "SLR-ldl-1", (2.5,))
     assert page.get_by_role("slider").input_value() == "2.5"
     run_python(page, "explorer.latent = 7")
-    wait_for_label(page, "ldl-1-inverse", (7.0,))
+    wait_for_label(page, "SLR-ldl-1", (7.0,))
     assert page.get_by_role("slider").input_value() == "4"
 
 
+@pytest.fixture(params=["alone", "link", "jslink"])
+def linked(request, page, run_python: Callable) -> Iterator[str]:
+    """Link a slider of ipywidgets with the latent, or none."""
+    kind = request.param
+    if kind != "alone":
+        make = (
+            "import ipywidgets; slider = ipywidgets.FloatSlider(min=-4, max=4, step=0.02); holder.children = [slider]"
+        )
+        run_python(page, f"{make}; link = ipywidgets.{kind}((slider, 'value'), (explorer, 'latent'))")
+        page.locator(".widget-readout").wait_for()
+    yield kind
+    if kind != "alone":
+        run_python(page, "link.unlink(); slider.close()")
+
+
+def test_observers_hear_a_drag_and_nothing_jumps_back(page, run_python: Callable, linked: str) -> None:
+    run_python(page, "heard = []; hear = lambda change: heard.append(change['new']); explorer.observe(hear, 'latent')")
+    page.evaluate(
+        """() => {
+            const slider = document.querySelector(".crf input[type=range]");
+            window.shown = [];
+            const look = () => { shown.push(slider.valueAsNumber); window.looking = requestAnimationFrame(look); };
+            look();
+        }"""
+    )
+    slider = page.get_by_role("slider", name="latent z")
+    drag(page, slider, 0.4)
+    reached = float(slider.input_value())
+    wait_for_python(page, run_python, (reached,))
+    page.wait_for_timeout(300)  # a late answer that would move the thumb comes within it, if there is one
+    shown = page.evaluate("() => { cancelAnimationFrame(looking); return shown; }")
+    heard = [float(z) for z in run_python(page, "print(*heard); explorer.unobserve(hear, 'latent')").split()]
+    assert shown == sorted(shown), "the thumb only ever moved with the hand"
+    assert heard == sorted(heard)
+    assert len(heard) > 1, "not only the end of the drag"
+    assert shown[-1] == heard[-1] == reached
+
+
+@pytest.mark.parametrize("linked", ["link", "jslink"], indirect=True)
+def test_a_slider_of_ipywidgets_is_linked_both_ways(page, run_python: Callable, linked: str) -> None:
+    other = page.locator(".widget-readout")
+    page.get_by_role("slider", name="latent z").press("ArrowRight")
+    page.get_by_role("slider", name="latent z").press("ArrowRight")
+    other.filter(has_text="0.04").wait_for()
+    other.fill("-2.5")
+    other.press("Enter")
+    wait_for_label(page, "SLR-ldl-1", (-2.5,))
+    wait_for_python(page, run_python, (-2.5,))
+    run_python(page, "explorer.latent = 1")
+    other.filter(has_text="1.00").wait_for()
+    run_python(page, "slider.value = -1")
+    wait_for_label(page, "SLR-ldl-1", (-1.0,))
+    assert run_python(page, "print(explorer.latent, slider.value)").split() == ["-1.0", "-1.0"]
+
+
 def test_readouts_are_those_of_python(page, run_python: Callable) -> None:
-    show(page, run_python, "ldl-1-inverse", (1.0,))
-    curve, measured = MODELS["ldl-1-inverse"].decode((1.0,)), load_opencrf()
+    show(page, run_python, "SLR-ldl-1", (1.0,))
+    curve, measured = MODELS["SLR-ldl-1"].decode((1.0,)), load_opencrf()
     fitted = Gamma("inverse").fit(curve)[0]
     assert float(readout(page, "gamma-equivalent").removeprefix("γ = ")) == pytest.approx(fitted[0], rel=0.02)
     to_gamma = float(rmse(Gamma("inverse").decode(fitted), curve))
@@ -199,7 +255,7 @@ def test_setting_the_latent_ends_the_animation(page, run_python: Callable) -> No
         page.get_by_role("button", name="Animate").click()
         page.wait_for_function("() => document.querySelector('.crf input').valueAsNumber > -2.8")
         run_python(page, "explorer.latent = -3")
-        wait_for_label(page, "ldl-1-inverse", (-3.0,))
+        wait_for_label(page, "SLR-ldl-1", (-3.0,))
         assert page.get_by_role("button", name="Animate").is_visible()
         wait_for_python(page, run_python, (-3.0,))
 
@@ -226,7 +282,7 @@ def test_animation_goes_in_steps_for_who_wants_less_motion(page) -> None:
 
 
 def test_colours_follow_the_theme(page, run_python: Callable) -> None:
-    show(page, run_python, "ldl-3-inverse", (0.5, -1.0, 1.0))
+    show(page, run_python, "SLR-ldl-3", (0.5, -1.0, 1.0))
     settled(page)
     light = picture(page)
     screenshot(page, "latent-light")
@@ -269,9 +325,9 @@ def test_exported_page_works_from_a_file(offline_page, tmp_path: Path, scheme: s
     explorer.to_html(tmp_path / "page.html")
     offline_page.emulate_media(color_scheme=scheme)
     offline_page.goto((tmp_path / "page.html").as_uri())
-    wait_for_label(offline_page, "ldl-1-inverse", (0.5,))
+    wait_for_label(offline_page, "SLR-ldl-1", (0.5,))
     offline_page.get_by_role("slider").press("ArrowRight")
-    wait_for_label(offline_page, "ldl-1-inverse", (0.52,))
+    wait_for_label(offline_page, "SLR-ldl-1", (0.52,))
     offline_page.get_by_label("Decoder", exact=True).select_option("monotone")
     _, brightness = saved_curve(offline_page, tmp_path / "curve.csv")
     np.testing.assert_allclose(brightness, GRID, atol=1e-8)
@@ -297,7 +353,7 @@ def test_a_notebook_made_into_html_stays_alive(offline_page, tmp_path: Path) -> 
     offline_page.goto((tmp_path / "notebook.html").as_uri())
     frame = offline_page.frame_locator("iframe")
     frame.get_by_role("slider").press("ArrowRight")
-    frame.get_by_role("img", name="Curve of ldl-1-inverse at 1.02:").wait_for()
+    frame.get_by_role("img", name="Curve of SLR-ldl-1 at 1.02:").wait_for()
     overflow = "({ scrollHeight, clientHeight }) => scrollHeight - clientHeight"
     assert frame.locator("html").evaluate(overflow) == 0, "the frame is as high as the page in it"
     screenshot(offline_page, "latent-notebook-html", "body")

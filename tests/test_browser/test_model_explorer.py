@@ -23,7 +23,8 @@ import numpy as np
 from crfbench.models import GGCM, PPISP, Polynomial
 from crfbench.widgets import ModelExplorer
 names = json.load(open("names.json"))
-explorer = ModelExplorer(names, np.load("curves.npy"), [GGCM(3), Polynomial(4), PPISP()])""",
+models = [GGCM(3, "forward"), Polynomial(4, "forward"), PPISP("forward")]
+explorer = ModelExplorer(names, np.load("curves.npy"), models)""",
     "explorer",
 ]
 
@@ -39,8 +40,10 @@ def opened(open_notebook: Callable, lab):
 
 @pytest.fixture
 def page(opened, run_python: Callable):
-    """Return the page with the first curve, GGCM(3) at its mean, and no nearest valid curve."""
-    run_python(opened, "explorer.index, explorer.model_name, explorer.show_valid = 0, 'GGCM(3)', False")
+    """Return the page with the first curve, GGCM-3-forward at its mean, and no nearest valid curve."""
+    run_python(
+        opened, "explorer.index, explorer.model, explorer.show_valid = 0, 'GGCM-3-forward', False; explorer.reset()"
+    )
     opened.wait_for_function("() => document.querySelectorAll('.crf input[type=range]').length === 3")
     settled(opened)
     return opened
@@ -88,12 +91,12 @@ def test_keys_that_are_shortcuts_elsewhere_work_in_a_select(page, run_python: Ca
 
 
 def test_fit_by_keyboard_gives_the_optimum(page) -> None:
-    model = GGCM(3)
+    model = GGCM(3, "forward")
     best = float(rmse(model.decode(model.fit(CURVES[2])[0]), CURVES[2]))
     page.get_by_label("Curve", exact=True).select_option(label=NAMES[2])
     page.get_by_role("button", name="Fit").focus()
     page.keyboard.press("Enter")
-    page.get_by_text(f"Fitted GGCM(3) to {NAMES[2]}: RMSE {best:.4g}").wait_for()
+    page.get_by_text(f"Fitted GGCM-3-forward to {NAMES[2]}: RMSE {best:.4g}").wait_for()
     assert float(readout(page, "RMSE")) == pytest.approx(best, rel=1e-3)
     assert float(readout(page, "MSE")) == pytest.approx(best**2, rel=1e-3)
 
@@ -111,7 +114,7 @@ def test_reset_returns_to_the_mean(page) -> None:
 def test_another_model_brings_its_sliders(page) -> None:
     sliders = page.get_by_role("slider")
     assert sliders.count() == 3
-    page.get_by_label("Model", exact=True).select_option("Polynomial(4)")
+    page.get_by_label("Model", exact=True).select_option("Polynomial-4-forward")
     page.get_by_role("slider", name="w4, of x^4").wait_for()
     assert sliders.count() == 4
 
@@ -126,7 +129,7 @@ def test_curves_are_turned_round(page) -> None:
 
 
 def test_a_curve_that_cannot_be_a_response_is_called_so(page, run_python: Callable) -> None:
-    run_python(page, "explorer.model_name = 'Polynomial(4)'; explorer.params = (3.0, -2.0, 0.0, 0.0)")
+    run_python(page, "explorer.model = 'Polynomial-4-forward'; explorer.params = (3.0, -2.0, 0.0, 0.0)")
     page.get_by_text("falls at 256 samples").wait_for()
     assert readout(page, "in [0, 1]") == "no"
     settled(page)
@@ -145,7 +148,7 @@ def test_python_moves_the_sliders(page, run_python: Callable) -> None:
 
 def test_colours_follow_the_theme(page) -> None:
     page.get_by_role("button", name="Fit").click()
-    page.get_by_text("Fitted GGCM(3)").wait_for()
+    page.get_by_text("Fitted GGCM-3-forward").wait_for()
     settled(page)
     light = picture(page)
     screenshot(page, "light")

@@ -1,4 +1,4 @@
-"""Every shipped notebook, opened as a user opens it, runs to its end without an error and shows its figures."""
+"""Every bundled notebook, opened as a user opens it, runs to its end without an error and shows its figures."""
 
 import os
 import shutil
@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from crfbench.bench.jupyter_page import KERNEL
-from crfbench.resources import shipped
+from benchmarks.jupyter_page import KERNEL
+from crfbench.files import bundled
 
-pytestmark = pytest.mark.browser
-NOTEBOOKS = sorted(shipped("notebooks").glob("*.ipynb"))
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+NOTEBOOKS = sorted(bundled("notebooks").glob("*.ipynb"))
 # Every code cell has a number, none waits for its turn, and the kernel has nothing to do.
 DONE = f"""() => {{
     const prompts = [...document.querySelectorAll('.jp-CodeCell .jp-InputPrompt')].map((p) => p.textContent);

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from crfbench.report import write_report
+from crfbench.paper.report import write_report
 
 from .looks import drag, picture, readout, screenshot, settled
 
@@ -115,7 +115,7 @@ def test_claims_are_a_table_for_everyone(page):
 def test_a_folded_table_opens_by_keyboard(page):
     page.get_by_text("78 figures").focus()
     page.keyboard.press("Enter")
-    assert page.get_by_text("mean RMSE, SLR ldl, d=1", exact=True).is_visible()
+    assert page.get_by_text("mean RMSE, SLR-ldl-1", exact=True).is_visible()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

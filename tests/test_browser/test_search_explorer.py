@@ -1,24 +1,31 @@
 """SearchExplorer as a user meets it: mouse, keyboard, theme and a narrow window."""
 
-import os
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
+
+from .looks import overflowing, picture, screenshot, settled, switch_theme
 
 pytestmark = pytest.mark.browser
 
 CELLS = [
     """import numpy as np
-from crfbench.search.outcome import Outcome
-from crfbench.search.result import tabulate
-from crfbench.search.space import SearchSpace
-from crfbench.widgets.search_explorer import SearchExplorer
-mse = 1e-3 * (1 + np.random.default_rng(0).gamma(2.0, 0.1, size=(156, 3)))
-trials = zip(SearchSpace(), mse, strict=True)
-table = tabulate(Outcome(h, 500, tuple(row), tuple(row**0.5), 1.0) for h, row in trials)
-explorer = SearchExplorer(table)""",
+import pandas as pd
+from ipywidgets import IntSlider, jslink
+from crfbench.search import SearchSpace, complexity
+from crfbench.widgets import SearchExplorer
+space = list(SearchSpace())
+table = pd.DataFrame([(*hidden, 0, 0)[:3] for hidden in space], columns=["h1", "h2", "h3"])
+table["mse"] = 1e-3 * (1 + np.random.default_rng(0).gamma(2.0, 0.1, size=156))
+table = table.assign(mse_sd=1e-4, rmse=table["mse"] ** 0.5, complexity=list(map(complexity, space)), epochs=500)
+table["rank"] = table["mse"].rank().astype(int)
+explorer = SearchExplorer(table)
+heard = []
+explorer.observe(lambda change: heard.append(change.new), "m")
+slider = IntSlider(min=1, max=156, layout={"width": "80%"})
+linked = jslink((explorer, "m"), (slider, "value"))""",
     "explorer",
+    "slider",
 ]
 
 
@@ -32,7 +39,7 @@ def opened(open_notebook: Callable):
 @pytest.fixture
 def page(opened, run_python: Callable):
     """Return the page with M = 10 and the choice named."""
-    run_python(opened, "explorer.m = 10; explorer.focus = explorer.chosen")
+    run_python(opened, "explorer.m = 10; explorer.focus = explorer.chosen; heard.clear()")
     opened.wait_for_function("() => document.querySelector('.crf input').getAttribute('aria-valuetext') === '10'")
     chosen = run_python(opened, "print(explorer.chosen)").strip()
     wait_for_name(opened, chosen)
@@ -45,15 +52,7 @@ def name(page) -> str:
 
 def wait_for_name(page, text: str) -> None:
     page.wait_for_function("(text) => document.querySelector('.crf-readouts dd').textContent === text", arg=text)
-    painted(page)
-
-
-def painted(page) -> None:
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-
-def picture(page) -> str:
-    return page.evaluate("document.querySelector('.crf canvas').toDataURL()")
+    settled(page)
 
 
 def python_value(page, run_python: Callable, code: str, expected: str) -> None:
@@ -65,25 +64,35 @@ def python_value(page, run_python: Callable, code: str, expected: str) -> None:
     assert found == expected
 
 
-def screenshot(page, file: str) -> None:
-    """Keep a picture of the widget for a look at it, where CRFBENCH_SHOTS names a folder."""
-    if folder := os.environ.get("CRFBENCH_SHOTS"):
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        page.locator(".jp-OutputArea:has(.crf)").screenshot(path=Path(folder) / f"{file}.png")
-
-
 def test_dragging_m_moves_the_choice(page, run_python: Callable) -> None:
     before = picture(page)
     slider = page.get_by_role("slider", name="M, how many")
     box = slider.bounding_box()
     page.mouse.move(box["x"] + box["width"] * 10 / 156, box["y"] + box["height"] / 2)
     page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] / 2, steps=20)
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, steps=10)
+    python_value(page, run_python, "heard[-1] > 60", "True")  # while the hand still drags
+    page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] / 2, steps=10)
     page.mouse.up()
     page.get_by_text("Choice: (10,)").wait_for()
-    painted(page)
+    settled(page)
     assert picture(page) != before
     python_value(page, run_python, "explorer.chosen", "(10,)")
+
+
+def test_m_is_linked_to_a_slider_both_ways(page, run_python: Callable) -> None:
+    thumb = page.locator(".widget-slider [role=slider], .widget-slider .noUi-handle").first
+    run_python(page, "slider.value = 90")
+    page.wait_for_function("() => document.querySelector('.crf input').getAttribute('aria-valuetext') === '90'")
+    python_value(page, run_python, "explorer.m", "90")
+    page.get_by_role("slider", name="M, how many").focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("() => document.querySelector('.widget-readout').textContent === '91'")
+    python_value(page, run_python, "slider.value", "91")
+    thumb.focus()
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_function("() => document.querySelector('.crf input').getAttribute('aria-valuetext') === '90'")
+    python_value(page, run_python, "explorer.m", "90")
 
 
 def test_the_page_chooses_as_python_does(page, run_python: Callable) -> None:
@@ -136,27 +145,12 @@ def test_colours_follow_the_theme(page) -> None:
     switch_theme(page, "JupyterLab Light", picture(page))
 
 
-def switch_theme(page, theme: str, before: str) -> None:
-    page.evaluate("(theme) => jupyterapp.commands.execute('apputils:change-theme', { theme })", theme)
-    page.wait_for_function("(before) => document.querySelector('.crf canvas').toDataURL() !== before", arg=before)
-    page.wait_for_function(
-        """(dark) => document.querySelector(".crf").style.colorScheme === (dark ? "dark" : "light")""",
-        arg=theme.endswith("Dark"),
-    )
-    page.wait_for_selector("#jupyterlab-splash", state="detached")
-    painted(page)
-
-
 def test_fits_a_narrow_window(page) -> None:
     size = page.viewport_size
     page.set_viewport_size({"width": 400, "height": 900})
     page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
-    painted(page)
+    settled(page)
     screenshot(page, "search-narrow")
-    overflow = page.evaluate(
-        """() => [...document.querySelectorAll(".crf, .crf *, .jp-OutputArea-output")]
-            .filter((node) => node.clientWidth > 0 && node.scrollWidth > node.clientWidth + 1)
-            .map((node) => `${node.tagName} ${node.className}`)"""
-    )
+    overflow = overflowing(page)
     page.set_viewport_size(size)
     assert overflow == []

@@ -95,6 +95,7 @@ def test_reads_well_everywhere(page, name, width, scheme):
     screenshot(page, f"site-{Path(name).stem}-{scheme}-{width}", "body")
 
 
+@pytest.mark.slow
 def test_no_page_scrolls_sideways_at_200_and_400_percent(page, site: Path):
     names = sorted(str(path.relative_to(site)) for path in site.rglob("*.html"))
     assert len(names) > 100

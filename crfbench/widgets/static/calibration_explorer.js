@@ -1,248 +1,170 @@
 // The page's side of CalibrationExplorer: a chart of patches to press, Python's curve and bands, and the truth.
 
-const COLUMNS = 6; // patches in a row of the chart
+import {
+  button,
+  element,
+  followTheme,
+  formatError,
+  formatParam,
+  labelledSelect,
+  listen,
+  offer,
+  readouts,
+} from "./controls.js";
+import { PatchChart } from "./patch_chart.js";
+import { bytesOf, float32, Plot } from "./plot.js";
+import { busySign } from "./requests.js";
+
+/** @typedef {import("./controls.js").Model} Model */
+
+/**
+ * @typedef {import("./plot.js").Mark} Mark
+ * @typedef {{ camera: string, illumination: number, model: string, method: string, patches: number[] }} Choice
+ * @typedef {{ name: string, ends: number[], best: number, densities: DataView[] }} Density
+ *
+ * @typedef {object} Shown what Python says of the last calibration; numbers are float32
+ * @property {string} label
+ * @property {number} rmse
+ * @property {DataView} curve
+ * @property {Record<string, DataView>} bands by level, low and high one after the other
+ * @property {DataView} dots brightness and irradiance one after the other
+ * @property {[number, number]} range
+ * @property {Density | null} density
+ * @property {Record<string, number>} params
+ * @property {string[]} warnings
+ * @property {number} milliseconds
+ *
+ * @typedef {{ choice: Choice, error: string, colours: DataView, truth: DataView, shown: Shown }} Scene
+ */
+
 const FAINT = 0.3; // opacity of a curve that the present choice no longer gives
 
-// The first half of the numbers are x, the second y.
-function points(view) {
-  const numbers = float32(view);
-  const n = numbers.length / 2;
-  return Array.from({ length: n }, (_, i) => [numbers[i], numbers[n + i]]);
-}
-
+/** @param {DataView} view numbers of which the second half belongs to the first */
 function halves(view) {
   const numbers = float32(view);
   return [numbers.subarray(0, numbers.length / 2), numbers.subarray(numbers.length / 2)];
 }
 
-// Figures as CurvePlot's, whose series may also be dots { points, radius } and bands { low, high, alpha }, any of them
-// faint; a line with a `range` is dashed beyond it.
-class CalibrationPlot extends CurvePlot {
-  paintCurve(context, curve) {
-    this.dress(context, curve);
-    if (curve.points) for (const [x, y] of curve.points) this.dot(context, this.toX(x), this.toY(y), curve);
-    else if (curve.low) this.paintBand(context, curve);
-    else this.paintLine(context, curve);
-    context.globalAlpha = 1;
-  }
-
-  // Ink where no colour is given.
-  dress(context, { colour, faint, alpha = 1 }) {
-    context.fillStyle = colour ? COLOURS[colour][Number(this.dark)] : this.ink;
-    context.globalAlpha = alpha * (faint ? FAINT : 1);
-  }
-
-  // Dots of a colour have a rim of ink, which tells them from the others without it.
-  dot(context, x, y, { radius, colour }) {
-    context.beginPath();
-    context.arc(x, y, radius, 0, 2 * Math.PI);
-    context.fill();
-    if (!colour) return;
-    context.strokeStyle = this.ink;
-    context.lineWidth = 1;
-    context.setLineDash([]);
-    context.stroke();
-  }
-
-  // Browsers drop paths that run off to enormous coordinates.
-  spot(samples, i) {
-    const y = this.toY(samples[i]);
-    return [this.toX(i / (samples.length - 1)), Math.min(2 * this.bottom, Math.max(-this.bottom, y))];
-  }
-
-  paintBand(context, { low, high }) {
-    context.beginPath();
-    low.forEach((_, i) => context.lineTo(...this.spot(low, i)));
-    for (let i = high.length - 1; i >= 0; i--) context.lineTo(...this.spot(high, i));
-    context.fill();
-  }
-
-  paintLine(context, { samples, range, colour }) {
-    const last = samples.length - 1;
-    const ends = [0, Math.floor(range[0] * last), Math.ceil(range[1] * last), last];
-    ["dashed", "solid", "dashed"].forEach((dash, part) => {
-      this.setLine(context, { colour, dash });
-      context.beginPath();
-      for (let i = ends[part]; i <= ends[part + 1]; i++) context.lineTo(...this.spot(samples, i));
-      context.stroke();
-    });
-    context.setLineDash([]);
-  }
-
-  paintLegend(context, { curve, label, x, row }) {
-    const [start, y] = [this.left + x, row * ROW + ROW / 2];
-    this.dress(context, curve);
-    if (curve.points) this.dot(context, start + LEGEND_LINE / 2, y, curve);
-    else if (curve.low) context.fillRect(start, y - 6, LEGEND_LINE, 12);
-    else {
-      this.setLine(context, { colour: curve.colour, dash: "solid" });
-      context.beginPath();
-      context.moveTo(start, y);
-      context.lineTo(start + LEGEND_LINE, y);
-      context.stroke();
-    }
-    context.globalAlpha = 1;
-    context.fillStyle = this.ink;
-    context.textAlign = "left";
-    context.fillText(label, start + LEGEND_LINE + 6, y);
-  }
-}
-
-// Densities over one parameter, and a line at the best value.
-class BeliefPlot extends CurvePlot {
-  constructor() {
-    super();
-    this.canvas.className = "crf-belief";
-  }
-
-  paintCurves(context) {
-    super.paintCurves(context);
-    const { best } = this.figure;
-    const x = Math.min(this.right, Math.max(this.left, this.toX(best)));
-    this.setLine(context, { colour: "green", dash: "solid" });
-    context.beginPath();
-    context.moveTo(x, this.top);
-    context.lineTo(x, this.bottom);
-    context.stroke();
-    context.globalAlpha = 1;
-  }
-}
-
-// Buttons in rows; one is in the tab order and the arrow keys go to the others.
-class Chart {
-  constructor(reference, onToggle) {
-    this.buttons = reference.map((value, i) => this.patch(i, value, onToggle));
-    this.grid = element("div", { class: "crf-chart", role: "group", "aria-label": "colour chart" }, ...this.buttons);
-    this.grid.addEventListener("keydown", (event) => this.move(event));
-    const hint = element("p", { class: "crf-note", id: newId() }, "Click patches, or go with the arrow keys and press Space.");
-    this.grid.setAttribute("aria-describedby", hint.id);
-    this.box = element("div", {}, element("div", { class: "crf-caption" }, "Patches to calibrate with"), this.grid, hint);
-    this.enter(0);
-  }
-
-  patch(i, value, onToggle) {
-    const name = `patch ${i + 1}, irradiance ${value}`;
-    const node = button("", () => (this.enter(i), onToggle(i + 1)), { "aria-label": name, title: name });
-    node.append(element("span", { "aria-hidden": "true" }, i + 1));
-    return node;
-  }
-
-  enter(i) {
-    this.buttons.forEach((node, k) => (node.tabIndex = k === i ? 0 : -1));
-  }
-
-  move(event) {
-    const steps = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -COLUMNS, ArrowDown: COLUMNS };
-    const to = this.buttons.indexOf(event.target) + steps[event.key];
-    if (Number.isNaN(to)) return;
-    event.preventDefault();
-    if (!this.buttons[to]) return;
-    this.enter(to);
-    this.buttons[to].focus();
-  }
-
-  press(patches) {
-    this.buttons.forEach((node, i) => node.setAttribute("aria-pressed", patches.includes(i + 1)));
-  }
-
-  paint(bytes) {
-    if (String(bytes) === this.painted) return;
-    this.painted = String(bytes);
-    this.buttons.forEach((node, i) => {
-      const [r, g, b] = bytes.subarray(3 * i, 3 * i + 3);
-      node.style.setProperty("--crf-patch", `rgb(${r}, ${g}, ${b})`);
-      node.style.color = 0.2126 * r + 0.7152 * g + 0.0722 * b > 110 ? "#000" : "#fff";
-    });
-  }
+/**
+ * A curve over 0 to 1, solid within the range and dashed beyond it.
+ * @param {Float32Array} samples
+ * @param {[number, number]} range
+ * @param {{ label: string, colour: "blue", alpha: number }} look
+ * @returns {Mark[]}
+ */
+function curveMarks(samples, range, { label, ...look }) {
+  const last = samples.length - 1;
+  const x = samples.map((_, i) => i / last);
+  const [from, to] = [Math.floor(range[0] * last), Math.ceil(range[1] * last)];
+  /** @type {(start: number, end: number) => Mark & { type: "line" }} */
+  const part = (start, end) => ({
+    type: "line",
+    x: x.subarray(start, end + 1),
+    y: samples.subarray(start, end + 1),
+    ...look,
+  });
+  return [{ ...part(0, from), dash: "dashed" }, { ...part(from, to), label }, { ...part(to, last), dash: "dashed" }];
 }
 
 class CalibrationExplorerView {
-  constructor(model, root) {
+  constructor(/** @type {Model} */ model, /** @type {HTMLElement} */ root) {
     this.model = model;
-    this.choices = model.get("_choices");
-    this.plot = new CalibrationPlot();
-    this.belief = new BeliefPlot();
-    this.chart = new Chart(this.choices.reference, (patch) => this.toggle(patch));
+    this.options = model.get("_options");
+    this.plot = new Plot();
+    this.density = new Plot("crf-density-curve");
+    this.chart = new PatchChart(this.options.reference, (patch) => this.toggle(patch));
     this.figures = element("div");
     this.warnings = element("ul", { class: "crf-warnings", "aria-label": "warnings" });
     this.status = element("div", { class: "crf-status", role: "status" });
-    const parts = [this.buildChoices(), this.buildBody()];
+    const { cameras, illuminations, models } = this.options;
+    const seen = illuminations.map((/** @type {number} */ i) => `illumination ${i}`);
+    const names = models.map((/** @type {{ name: string }} */ { name }) => name);
+    this.camera = labelledSelect("Camera", cameras, (i) => this.set({ camera: cameras[i] }));
+    this.light = labelledSelect("Calibrate on", seen, (i) => this.set({ illumination: illuminations[i] }));
+    this.family = labelledSelect("Model", names, (i) => this.chooseModel(i));
+    this.method = labelledSelect("Method", [], (i) => this.set({ method: this.methods[i] }));
+    /** @type {string[]} those of the model */
+    this.methods = [];
+    const boxes = [this.camera, this.light, this.family, this.method].map(({ box }) => box);
+    const parts = [element("div", { class: "crf-choices" }, ...boxes), this.buildBody()];
     this.root = element("div", { class: "crf crf-calibration", "aria-busy": false }, ...parts);
     root.append(this.root);
-    this.wishes = new Wishes(model, busySign(this.root, this.status));
-    this.leaveTheme = followTheme(this.root, () => [this.plot, this.belief].forEach((plot) => plot.schedule()));
-    this.update = this.update.bind(this);
-    model.on("change:_scene", this.update);
+    this.showBusy = busySign(this.root, this.status);
+    this.leaveTheme = followTheme(this.root, () => [this.plot, this.density].forEach((plot) => plot.schedule()));
+    const follow = () => this.followChoice();
+    const choice = { camera: follow, illumination: follow, model: follow, method: follow, patches: follow };
+    this.stopListening = listen(model, { ...choice, _scene: () => this.update() });
     this.update();
   }
 
   destroy() {
-    this.model.off("change:_scene", this.update);
+    this.stopListening();
     this.leaveTheme();
-    for (const plot of [this.plot, this.belief]) plot.destroy();
-  }
-
-  buildChoices() {
-    const { cameras, illuminations, models } = this.choices;
-    const seen = illuminations.map((i) => `illumination ${i}`);
-    const names = models.map(({ name }) => name);
-    this.camera = labelledSelect("Camera", cameras, (i) => this.wishes.send("camera", cameras[i]));
-    this.light = labelledSelect("Calibrate on", seen, (i) => this.wishes.send("illumination", illuminations[i]));
-    this.family = labelledSelect("Model", names, (i) => this.wishes.send("model", names[i]));
-    this.method = labelledSelect("Method", [], (i) => this.wishes.send("method", this.methods[i]));
-    const boxes = [this.camera, this.light, this.family, this.method].map(({ box }) => box);
-    return element("div", { class: "crf-choices" }, ...boxes);
+    for (const plot of [this.plot, this.density]) plot.destroy();
   }
 
   buildBody() {
-    const shortcuts = this.choices.shortcuts.map(({ label, patches }) => button(label, () => this.choose([...patches])));
-    const row = element("div", { class: "crf-buttons", role: "group", "aria-label": "sets of patches" }, ...shortcuts);
+    /** @type {{ label: string, patches: number[] }[]} */
+    const shortcuts = this.options.shortcuts;
+    const buttons = shortcuts.map(({ label, patches }) => button(label, () => this.set({ patches })));
+    const row = element("div", { class: "crf-buttons", role: "group", "aria-label": "sets of patches" }, ...buttons);
     const hint = "Dashed: beyond the brightness measured, where model and prior speak alone.";
     const left = element("div", { class: "crf-plot" }, this.plot.canvas, element("p", { class: "crf-note" }, hint));
     left.append(this.status, this.warnings);
-    const panel = element("div", { class: "crf-panel" }, this.chart.box, row, this.belief.canvas, this.figures);
+    const panel = element("div", { class: "crf-panel" }, this.chart.box, row, this.density.canvas, this.figures);
     return element("div", { class: "crf-body" }, left, panel);
   }
 
-  // The chart answers the hand at once; Python's answer follows.
-  choose(patches) {
-    this.patches = patches;
-    this.chart.press(patches);
-    this.wishes.send("patches", patches);
+  // --- what is chosen: the traits, which the controls show at once; Python's answer follows
+
+  set(/** @type {Partial<Choice>} */ choice) {
+    for (const [name, value] of Object.entries(choice)) this.model.set(name, value);
+    this.model.save_changes();
   }
 
-  toggle(patch) {
-    const others = this.patches.filter((other) => other !== patch);
-    this.choose(others.length < this.patches.length ? others : [...others, patch]);
+  chooseModel(/** @type {number} */ i) {
+    const { name, methods } = this.options.models[i];
+    // All models list their methods in one order, so "grid" and "lm", the least loss, give way to each other.
+    this.set({ model: name, method: methods[this.methods.indexOf(this.model.get("method"))] });
   }
 
-  update() {
-    const scene = this.model.get("_scene");
-    this.wishes.answered(scene.answered);
-    if (this.wishes.idle) this.followControls(scene);
-    this.chart.paint(new Uint8Array(bytesOf(scene.colours)));
-    this.showFigures(scene);
-    this.plot.draw(this.figure(scene));
-    this.drawBelief(scene.shown.belief);
+  toggle(/** @type {number} */ patch) {
+    /** @type {number[]} */
+    const patches = this.model.get("patches");
+    const others = patches.filter((other) => other !== patch);
+    // In Python's order: what it would have to put right it sends back, perhaps later than the next click.
+    this.set({ patches: others.length < patches.length ? others : [...others, patch].sort((a, b) => a - b) });
   }
 
-  // Only when nothing is under way, so that an old answer never pulls a control from under the hand.
-  followControls(scene) {
-    const { cameras, illuminations, models, methods } = this.choices;
-    const at = models.findIndex(({ name }) => name === scene.model);
-    this.camera.input.selectedIndex = cameras.indexOf(scene.camera);
-    this.light.input.selectedIndex = illuminations.indexOf(scene.illumination);
+  followChoice() {
+    const { cameras, illuminations, models, methods } = this.options;
+    const { choice } = /** @type {Scene} */ (this.model.get("_scene"));
+    const at = models.findIndex((/** @type {{ name: string }} */ { name }) => name === this.model.get("model"));
+    this.camera.input.selectedIndex = cameras.indexOf(this.model.get("camera"));
+    this.light.input.selectedIndex = illuminations.indexOf(this.model.get("illumination"));
     this.family.input.selectedIndex = at;
     if (String(this.methods) !== String(models[at].methods)) {
       this.methods = models[at].methods;
       offer(this.method.input, this.methods.map((name) => methods[name]));
     }
-    this.method.input.selectedIndex = this.methods.indexOf(scene.method);
-    this.patches = [...scene.patches];
-    this.chart.press(this.patches);
+    this.method.input.selectedIndex = this.methods.indexOf(this.model.get("method"));
+    this.chart.press(this.model.get("patches"));
+    this.showBusy(Object.entries(choice).some(([name, value]) => String(this.model.get(name)) !== String(value)));
   }
 
-  showFigures({ shown, error, patches }) {
+  // --- what Python answers
+
+  update() {
+    /** @type {Scene} */
+    const scene = this.model.get("_scene");
+    this.chart.paint(new Uint8Array(bytesOf(scene.colours)));
+    this.showFigures(scene);
+    this.drawCurve(scene);
+    this.drawDensity(scene.shown.density);
+    this.followChoice();
+  }
+
+  showFigures(/** @type {Scene} */ { choice, shown, error }) {
     const [darkest, brightest] = shown.range.map((value) => value.toFixed(2));
     const rows = {
       "held-out RMSE": formatError(shown.rmse),
@@ -254,58 +176,71 @@ class CalibrationExplorerView {
     list.show(Object.values(rows));
     this.figures.replaceChildren(list.box);
     this.root.classList.toggle("crf-stale", error !== "");
-    this.status.textContent = error || `${patches.length} patches: held-out RMSE ${formatError(shown.rmse)}`;
+    this.status.textContent = error || `${choice.patches.length} patches: held-out RMSE ${formatError(shown.rmse)}`;
     this.warnings.replaceChildren(...(error ? [] : shown.warnings).map((text) => element("li", {}, text)));
   }
 
-  figure(scene) {
-    const { shown } = scene;
-    const other = this.choices.illuminations.find((i) => i !== scene.illumination);
-    const faint = scene.error !== "";
-    const bands = Object.entries(shown.bands).map(([level, view]) => [Number(level), halves(view)]);
-    bands.sort(([a], [b]) => b - a);
-    const series = [
-      ...bands.map(([level, [low, high]], i) => {
-        return { label: `${100 * level} % band`, low, high, alpha: 0.16 + 0.14 * i, colour: "blue", faint };
-      }),
-      { label: `truth: RAW, illumination ${other}`, points: points(scene.truth), radius: 2.5, alpha: 0.5 },
-      { label: shown.label, samples: float32(shown.curve), range: shown.range, colour: "blue", faint },
-      { label: "patches used, aligned", points: points(shown.dots), radius: 3.5, colour: "vermilion", faint },
-    ];
-    return {
+  drawCurve(/** @type {Scene} */ { choice, shown, error, truth }) {
+    const other = this.options.illuminations.find((/** @type {number} */ i) => i !== choice.illumination);
+    const [seen, raw] = halves(truth);
+    const [brightness, irradiance] = halves(shown.dots);
+    const strength = error ? FAINT : 1;
+    /** @type {Mark[]} */
+    const bands = Object.entries(shown.bands)
+      .sort(([a], [b]) => Number(b) - Number(a))
+      .map(([level, view], i) => {
+        const [low, high] = halves(view);
+        const alpha = strength * (0.16 + 0.14 * i);
+        return { type: "band", label: `${100 * Number(level)} % band`, low, high, colour: "blue", alpha };
+      });
+    const stale = error ? " The last curve is kept, faded." : "";
+    this.plot.draw({
       x: { label: "brightness of the JPEG (0 to 1)", min: 0, max: 1 },
       y: { label: "irradiance (RAW, 0 to 1)", min: -0.05, max: 1.1 },
-      series,
-      description: this.describe(scene),
-    };
+      marks: [
+        ...bands,
+        { type: "dots", label: `truth: RAW, illumination ${other}`, x: seen, y: raw, radius: 2.5, alpha: 0.5 },
+        ...curveMarks(float32(shown.curve), shown.range, { label: shown.label, colour: "blue", alpha: strength }),
+        {
+          type: "dots",
+          label: "patches used, aligned",
+          x: brightness,
+          y: irradiance,
+          radius: 3.5,
+          rim: true,
+          colour: "vermilion",
+          alpha: strength,
+        },
+      ],
+      description:
+        `Inverse response of ${choice.camera} by ${shown.label}: ` +
+        `held-out RMSE ${formatError(shown.rmse)}.${stale}`,
+    });
   }
 
-  describe({ camera, shown, error }) {
-    const stale = error ? " The last curve is kept, faded." : "";
-    return `Inverse response of ${camera} by ${shown.label}: held-out RMSE ${formatError(shown.rmse)}.${stale}`;
-  }
-
-  drawBelief(belief) {
-    this.belief.canvas.hidden = belief === null;
-    if (belief === null) return;
-    const [prior, posterior] = belief.densities.map(float32);
-    const series = [{ label: "prior", samples: prior, colour: "vermilion", dash: "dashed" }];
-    if (posterior) series.push({ label: "posterior", samples: posterior, colour: "blue", dash: "solid" });
-    series.push({ label: "best", samples: [], colour: "green", dash: "solid" });
-    const [min, max] = belief.ends;
-    const top = 1.08 * Math.max(...series.flatMap(({ samples }) => [...samples]));
-    const value = `best ${formatParam(belief.best)}`;
-    this.belief.draw({
-      x: { label: belief.name, min, max, gap: 40 },
+  /** @param {Density | null} density over the one parameter of a model that has no more */
+  drawDensity(density) {
+    this.density.canvas.hidden = density === null;
+    if (density === null) return;
+    const { name, best } = density;
+    const [prior, posterior] = density.densities.map(float32);
+    const [min, max] = density.ends;
+    const top = 1.08 * Math.max(...prior, ...(posterior ?? []));
+    const at = Math.min(max, Math.max(min, best));
+    /** @type {Mark[]} */
+    const marks = [{ type: "line", label: "prior", y: prior, colour: "vermilion", dash: "dashed" }];
+    if (posterior) marks.push({ type: "line", label: "posterior", y: posterior, colour: "blue" });
+    marks.push({ type: "line", label: "best", x: [at, at], y: [0, top], colour: "green" });
+    this.density.draw({
+      x: { label: name, min, max, gap: 40 },
       y: { label: "density", min: 0, max: top },
-      series,
-      best: belief.best,
-      description: `Density of ${belief.name}: prior${posterior ? " and posterior" : ""}, ${value}`,
+      marks,
+      description: `Density of ${name}: prior${posterior ? " and posterior" : ""}, best ${formatParam(best)}`,
     });
   }
 }
 
-function render({ model, el }) {
+function render(/** @type {{ model: Model, el: HTMLElement }} */ { model, el }) {
   const view = new CalibrationExplorerView(model, el);
   return () => view.destroy();
 }

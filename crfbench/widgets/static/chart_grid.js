@@ -1,13 +1,30 @@
-// The geometry of a colour chart of 6 by 4 patches seen in perspective. Joined in front of the widget's own module.
+// The geometry of a colour chart of 6 by 4 patches seen in perspective.
 
-const CHART_COLUMNS = 6;
-const CHART_ROWS = 4;
+/** @typedef {[number, number]} Point */
+
+const COLUMNS = 6;
+const ROWS = 4;
 const MARGIN = 0.25; // of a patch, left out on each side
 const SAMPLES = 12; // a side of a patch, for its mean
-const UNIT_SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]];
+const STRAIGHT = 1e-9; // a turn by less is none; the same as in Python
 
-// The projective map that takes the unit square to four points, clockwise from the origin.
-function perspective([[x0, y0], [x1, y1], [x2, y2], [x3, y3]]) {
+/** @type {Point[]} */
+export const UNIT_SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]];
+
+/** The part of each patch that is measured, row by row: [left, top, width, height] in the unit square. */
+export const PATCHES = Array.from({ length: ROWS * COLUMNS }, (_, i) => [
+  ((i % COLUMNS) + MARGIN) / COLUMNS,
+  (Math.floor(i / COLUMNS) + MARGIN) / ROWS,
+  (1 - 2 * MARGIN) / COLUMNS,
+  (1 - 2 * MARGIN) / ROWS,
+]);
+
+/**
+ * The projective map that takes the unit square to four points, clockwise from the origin.
+ * @param {Point[]} corners
+ * @returns {(point: Point) => Point}
+ */
+export function perspective([[x0, y0], [x1, y1], [x2, y2], [x3, y3]]) {
   const [ax, ay, bx, by] = [x1 - x2, y1 - y2, x3 - x2, y3 - y2];
   const [sx, sy] = [x0 - x1 + x2 - x3, y0 - y1 + y2 - y3];
   const area = ax * by - bx * ay;
@@ -22,23 +39,19 @@ function perspective([[x0, y0], [x1, y1], [x2, y2], [x3, y3]]) {
 }
 
 // Whether four points turn clockwise all the way, so that a chart can lie between them.
-function turnsClockwise(corners) {
+export function turnsClockwise(/** @type {Point[]} */ corners) {
   return corners.every(([x, y], i) => {
     const [[x1, y1], [x2, y2]] = [corners[(i + 1) % 4], corners[(i + 2) % 4]];
-    return (x1 - x) * (y2 - y1) - (y1 - y) * (x2 - x1) > 0;
+    return (x1 - x) * (y2 - y1) - (y1 - y) * (x2 - x1) > STRAIGHT;
   });
 }
 
-// The part of the chart that is measured of each patch, row by row: [left, top, width, height] in the unit square.
-const PATCHES = Array.from({ length: CHART_ROWS * CHART_COLUMNS }, (_, i) => [
-  ((i % CHART_COLUMNS) + MARGIN) / CHART_COLUMNS,
-  (Math.floor(i / CHART_COLUMNS) + MARGIN) / CHART_ROWS,
-  (1 - 2 * MARGIN) / CHART_COLUMNS,
-  (1 - 2 * MARGIN) / CHART_ROWS,
-]);
-
-// The mean colour of every patch, 24 times [red, green, blue]; `pixels` is an ImageData, corners are shares of it.
-function patchMeans(pixels, corners) {
+/**
+ * The mean colour of every patch, 24 times [red, green, blue].
+ * @param {Pick<ImageData, "data" | "width" | "height">} pixels
+ * @param {Point[]} corners shares of its width and height
+ */
+export function patchMeans(pixels, corners) {
   const toPhoto = perspective(corners);
   return PATCHES.map(([left, top, width, height]) => {
     const sum = [0, 0, 0];
@@ -51,7 +64,12 @@ function patchMeans(pixels, corners) {
   });
 }
 
+/**
+ * @param {Pick<ImageData, "data" | "width" | "height">} pixels
+ * @param {Point} point
+ */
 function colourAt({ data, width, height }, [x, y]) {
+  /** @type {(share: number, size: number) => number} */
   const within = (share, size) => Math.min(size - 1, Math.max(0, Math.floor(share * size)));
   const at = 4 * (within(y, height) * width + within(x, width));
   return [data[at], data[at + 1], data[at + 2]];

@@ -1,4 +1,38 @@
-// Small plots on a canvas, shared by the widgets. Joined in front of a widget's own module.
+// One plot of marks on a canvas, shared by the widgets: lines, dots, bands and bars on linear or logarithmic axes.
+
+import { element, isDarkGround, written } from "./controls.js";
+
+/**
+ * @typedef {object} Axis
+ * @property {string} [label]
+ * @property {number} min
+ * @property {number} max
+ * @property {boolean} [log]
+ * @property {number} [gap] how near to each other the numbers of the x axis may stand, in pixels
+ * @property {(value: number) => string} [format] how a number on the axis is written
+ *
+ * @typedef {keyof typeof COLOURS} Colour
+ * @typedef {object} Look
+ * @property {string} [label] of the legend
+ * @property {Colour} [colour] the theme's ink where there is none
+ * @property {number} [alpha]
+ *
+ * @typedef {ArrayLike<number>} Numbers
+ * @typedef {{ type: "line", x?: Numbers, y?: Numbers, dash?: keyof typeof DASHES, width?: number }} Line
+ * @typedef {{ type: "dots", x: Numbers, y: Numbers, radius: number, shape?: Shape, rim?: boolean }} Dots
+ * @typedef {{ type: "band", x?: Numbers, low: Numbers, high: Numbers }} Band
+ * @typedef {{ type: "bar", x?: Numbers, low?: Numbers, high?: Numbers, width?: number }} Bar `width` is in pixels
+ * @typedef {{ type: "text", x: number, y: number, text: string }} Text beside a point, on a ground of its own
+ * @typedef {Look & (Line | Dots | Band | Bar | Text)} Mark A line or band without x, and a line without y, runs evenly
+ *   over the axis. Bars without x stand side by side over the whole axis; without `low` or `high` they reach the frame.
+ *
+ * @typedef {object} Figure
+ * @property {Axis} x
+ * @property {Axis} y
+ * @property {Mark[]} marks painted in this order, which is also that of the legend
+ * @property {string} description what a screen reader says
+ * @property {boolean} [bare] a strip with the numbers of the x axis and nothing else around it
+ */
 
 // Okabe and Ito's colours, told apart with any colour vision: [on a light ground, lighter on a dark ground].
 const COLOURS = {
@@ -12,24 +46,71 @@ const LINE_WIDTH = 2;
 const LEGEND_LINE = 26; // length of the line sample
 const LEGEND_GAP = 16; // between two entries
 const ROW = 18; // height of a row of legend
+const THUMB = 8; // half a slider's thumb, whose centre stays that far inside the ends: bare plots lie below sliders
 
-// The samples of a binary trait: a DataView at any offset, so the bytes are copied to where numbers may lie.
-const bytesOf = (view) => view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength);
-const float32 = (view) => new Float32Array(bytesOf(view));
-const uint16 = (view) => new Uint16Array(bytesOf(view));
+/** @typedef {"disc" | "ring" | "square" | "diamond"} Shape */
+/**
+ * Outlines of dots.
+ * @type {Record<Shape, (context: CanvasRenderingContext2D, x: number, y: number, radius: number) => void>}
+ */
+const SHAPES = {
+  disc: (context, x, y, radius) => context.arc(x, y, radius, 0, 2 * Math.PI),
+  ring: (context, x, y, radius) => context.arc(x, y, radius, 0, 2 * Math.PI),
+  square: (context, x, y, radius) => context.rect(x - radius, y - radius, 2 * radius, 2 * radius),
+  diamond: (context, x, y, radius) => {
+    context.moveTo(x + radius, y);
+    for (const [right, down] of [[0, 1], [-1, 0], [0, -1]]) context.lineTo(x + right * radius, y + down * radius);
+    context.closePath();
+  },
+};
+
+/**
+ * The bytes of a binary trait, which is a view at any offset, copied to where numbers may lie.
+ * @param {DataView} view
+ */
+export const bytesOf = (view) => view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength);
+export const float32 = (/** @type {DataView} */ view) => new Float32Array(bytesOf(view));
+export const uint16 = (/** @type {DataView} */ view) => new Uint16Array(bytesOf(view));
 
 // About `count` round numbers (1, 2 or 5 times a power of ten) between min and max.
-function ticks({ min, max }, count) {
+export function ticks(/** @type {Axis} */ { min, max }, /** @type {number} */ count) {
   const least = (max - min) / count;
   const power = 10 ** Math.floor(Math.log10(least));
-  const step = power * [1, 2, 5, 10].find((factor) => factor * power >= least * 0.999);
+  const step = power * ([1, 2, 5].find((factor) => factor * power >= least * 0.999) ?? 10);
   const first = Math.ceil(min / step - 1e-9);
   const n = Math.floor(max / step + 1e-9) - first + 1;
   return Array.from({ length: n }, (_, i) => Number(((first + i) * step).toPrecision(10)));
 }
 
-const written = (value) => String(value).replace("-", "−");
+// 1, 2 and 5 times each power of ten between min and max; round numbers where these are fewer than three.
+export function logTicks(/** @type {Axis} */ { min, max }) {
+  const values = [];
+  for (let power = Math.floor(Math.log10(min)); 10 ** power <= max; power++) {
+    for (const factor of [1, 2, 5]) values.push(Number(`${factor}e${power}`));
+  }
+  const inside = values.filter((value) => value >= min && value <= max);
+  return inside.length < 3 ? ticks({ min, max }, 6) : inside;
+}
 
+/**
+ * The function from values on an axis to places between `start` and `end`.
+ * @param {Axis} axis
+ * @param {number} start
+ * @param {number} end
+ * @returns {(value: number) => number}
+ */
+export function scale({ min, max, log }, start, end) {
+  if (!log) return (value) => start + ((value - min) / (max - min)) * (end - start);
+  const span = Math.log(max / min);
+  // Zero and what lies below it have no logarithm; they are as far below the frame as can be.
+  return (value) => start + (Math.log(Math.max(value, Number.MIN_VALUE) / min) / span) * (end - start);
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {string} text
+ * @param {number} width
+ */
 function shorten(context, text, width) {
   if (context.measureText(text).width <= width) return text;
   let end = text.length;
@@ -37,32 +118,48 @@ function shorten(context, text, width) {
   return text.slice(0, end) + "…";
 }
 
-// Where each legend entry goes: as many in a row as fit.
-function legendEntries(context, series, width) {
+/**
+ * Where each legend entry goes: as many in a row as fit.
+ * @param {CanvasRenderingContext2D} context
+ * @param {Mark[]} marks
+ * @param {number} width
+ */
+function legendEntries(context, marks, width) {
   let x = 0;
   let row = 0;
-  return series.map((curve) => {
-    const label = shorten(context, curve.label, width - LEGEND_LINE - 6);
+  return marks.flatMap((mark) => {
+    if (mark.label === undefined) return [];
+    const label = shorten(context, mark.label, width - LEGEND_LINE - 6);
     const length = LEGEND_LINE + 6 + context.measureText(label).width;
     if (x > 0 && x + length > width) [x, row] = [0, row + 1];
-    const entry = { curve, label, x, row };
+    const entry = { mark, label, x, row };
     x += length + LEGEND_GAP;
-    return entry;
+    return [entry];
   });
 }
 
-// A canvas as large as the style sheet makes it, painted at most once a frame; `paint(context)` is the subclass's.
-class Sketch {
+/**
+ * A canvas as large as the style sheet makes it, painted at most once a frame; how, is the subclass's `paint`.
+ * @template {{ description?: string }} F what is painted; a screen reader says its description
+ */
+export class Sketch {
+  /** @param {string} name its class in the style sheet */
   constructor(name) {
     this.canvas = element("canvas", { class: name, role: "img" });
-    this.frame = 0;
-    this.width = this.height = 0;
+    this.context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
+    this.frame = this.width = this.height = 0;
+    this.ink = "";
+    this.dark = false;
+    /** @type {F | null} */
+    this.figure = null; // nothing is painted before there is one
     this.observer = new ResizeObserver(() => this.schedule());
     this.observer.observe(this.canvas);
   }
 
-  describe(text) {
-    this.canvas.setAttribute("aria-label", text);
+  draw(/** @type {F} */ figure) {
+    this.figure = figure;
+    if (figure.description) this.canvas.setAttribute("aria-label", figure.description);
+    this.schedule();
   }
 
   destroy() {
@@ -73,9 +170,14 @@ class Sketch {
   schedule() {
     this.frame ||= requestAnimationFrame(() => {
       this.frame = 0;
-      if (this.figure && this.measure()) this.paint(this.begin());
+      if (!this.figure || !this.measure()) return;
+      this.begin();
+      this.paint(this.figure);
     });
   }
+
+  /** @param {F} _figure */
+  paint(_figure) {}
 
   // JupyterLab hides the page for a moment while it changes the theme; the last size is kept for that moment.
   measure() {
@@ -84,31 +186,32 @@ class Sketch {
     return isConnected && this.width > 0;
   }
 
-  // An empty canvas with the theme's ink and letters.
+  // An empty canvas with the theme's ink and letters. One canvas pixel is one device pixel, so lines and letters are
+  // crisp; drawing is in CSS pixels.
   begin() {
-    const context = this.clear();
-    const style = getComputedStyle(this.canvas);
-    this.ink = style.color;
-    this.dark = isDarkGround(this.canvas);
-    context.font = `${FONT_SIZE}px ${style.fontFamily}`;
-    return context;
-  }
-
-  // One canvas pixel is one device pixel, so lines and letters are crisp; drawing is in CSS pixels.
-  clear() {
     const ratio = window.devicePixelRatio || 1;
-    const { canvas } = this;
+    const { canvas, context } = this;
     const [width, height] = [Math.round(this.width * ratio), Math.round(this.height * ratio)];
     if (canvas.width !== width) canvas.width = width;
     if (canvas.height !== height) canvas.height = height;
-    const context = canvas.getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
-    return context;
+    const style = getComputedStyle(canvas);
+    this.ink = style.color;
+    this.dark = isDarkGround(canvas);
+    context.font = `${FONT_SIZE}px ${style.fontFamily}`;
+    context.textBaseline = "middle";
   }
 
-  setLine(context, { colour, dash, width = LINE_WIDTH }) {
-    context.strokeStyle = COLOURS[colour][Number(this.dark)];
+  /** @param {Colour} [name] */
+  colour(name) {
+    return name ? COLOURS[name][Number(this.dark)] : this.ink;
+  }
+
+  /** @param {{ colour?: Colour, dash?: keyof typeof DASHES, width?: number }} look */
+  setLine({ colour, dash = "solid", width = LINE_WIDTH }) {
+    const { context } = this;
+    context.strokeStyle = this.colour(colour);
     context.lineWidth = width;
     context.lineJoin = "round";
     context.setLineDash(DASHES[dash]);
@@ -116,64 +219,75 @@ class Sketch {
 }
 
 /**
- * Draws figures of the form
- *   { x: { label, min, max, gap }, y: { label, min, max }, series: [{ label, samples, colour, dash, ... }], description }
- * where `samples` are spread evenly over the x axis, `colour` is a key of COLOURS, `dash` one of DASHES and
- * `description` what a screen reader says. A series may have a `width` of its own and be `mirrored` at the diagonal,
- * which shows the inverse of a curve; both axes must then show the same range of 0 to 1. `gap` is how near to each
- * other the numbers of the x axis may stand, 56 pixels if not given.
+ * Axes, marks and, where marks have labels, a legend.
+ * @extends {Sketch<Figure>}
  */
-class CurvePlot extends Sketch {
-  constructor() {
-    super("crf-canvas");
+export class Plot extends Sketch {
+  constructor(name = "crf-canvas") {
+    super(name);
+    this.left = this.right = this.top = this.bottom = 0;
+    /** @type {(value: number) => number} */
+    this.toX = (value) => value;
+    this.toY = this.toX;
   }
 
-  draw(figure) {
-    this.figure = figure;
-    this.describe(figure.description);
-    this.schedule();
+  paint(/** @type {Figure} */ figure) {
+    const { context } = this;
+    const { marks, bare } = figure;
+    const entries = legendEntries(context, marks, this.width - 56);
+    const rows = entries.length ? entries[entries.length - 1].row + 1 : 0;
+    if (bare) this.place(figure, THUMB, this.width - THUMB, 0, this.height - ROW);
+    else this.place(figure, 48, this.width - 8, rows * ROW + 8, this.height - 42);
+    this.paintAxes(figure);
+    context.save();
+    context.beginPath();
+    context.rect(this.left, this.top, this.right - this.left, this.bottom - this.top);
+    context.clip();
+    for (const mark of marks) this.paintMark(mark);
+    context.restore();
+    for (const entry of entries) this.paintLegend(entry);
   }
 
-  paint(context) {
-    const entries = legendEntries(context, this.figure.series, this.width - 56);
-    this.place(entries.at(-1).row + 1);
-    this.paintAxes(context);
-    this.paintCurves(context);
-    for (const entry of entries) this.paintLegend(context, entry);
+  /**
+   * @param {Figure} figure
+   * @param {number} left
+   * @param {number} right
+   * @param {number} top
+   * @param {number} bottom
+   */
+  place({ x, y }, left, right, top, bottom) {
+    Object.assign(this, { left, right, top, bottom });
+    const toY = scale(y, bottom, top);
+    this.toX = scale(x, left, right);
+    // Browsers drop paths that run off to enormous coordinates.
+    this.toY = (/** @type {number} */ value) => Math.min(2 * bottom, Math.max(-bottom, toY(value)));
   }
 
-  place(legendRows) {
-    const { x, y } = this.figure;
-    this.left = 48;
-    this.right = this.width - 8;
-    this.top = legendRows * ROW + 8;
-    this.bottom = this.height - 42;
-    this.toX = (value) => this.left + ((value - x.min) / (x.max - x.min)) * (this.right - this.left);
-    this.toY = (value) => this.bottom - ((value - y.min) / (y.max - y.min)) * (this.bottom - this.top);
-  }
-
-  paintAxes(context) {
-    const { x, y } = this.figure;
+  paintAxes(/** @type {Figure} */ { x, y, bare }) {
+    const { context } = this;
     const { left, right, top, bottom } = this;
     context.fillStyle = context.strokeStyle = this.ink;
     context.lineWidth = 1;
     context.setLineDash([]);
-    context.textBaseline = "middle";
-    for (const value of ticks(y, (bottom - top) / 44)) {
-      this.paintGridLine(context, left, this.toY(value), right, this.toY(value));
+    for (const value of bare ? [] : y.log ? logTicks(y) : ticks(y, (bottom - top) / 44)) {
+      this.paintGridLine(left, this.toY(value), right, this.toY(value));
       context.textAlign = "right";
-      context.fillText(written(value), left - 7, this.toY(value));
+      context.fillText((y.format ?? written)(value), left - 7, this.toY(value));
     }
-    for (const value of ticks(x, (right - left) / (x.gap ?? 56))) {
-      this.paintGridLine(context, this.toX(value), top, this.toX(value), bottom);
-      context.textAlign = value === x.max ? "right" : "center";
-      context.fillText(written(value), this.toX(value) + (value === x.max ? 4 : 0), bottom + 12);
+    for (const value of x.log ? logTicks(x) : ticks(x, (right - left) / (x.gap ?? 56))) {
+      if (!bare) this.paintGridLine(this.toX(value), top, this.toX(value), bottom);
+      const last = !bare && !x.log && value === x.max; // must not leave the canvas
+      context.textAlign = last ? "right" : "center";
+      context.fillText((x.format ?? written)(value), this.toX(value) + (last ? 4 : 0), bottom + (bare ? 10 : 12));
     }
+    if (bare) return;
     context.strokeRect(Math.round(left) + 0.5, Math.round(top) + 0.5, right - left - 1, bottom - top - 1);
-    this.paintAxisNames(context);
+    this.paintAxisNames(x.label ?? "", y.label ?? "");
   }
 
-  paintGridLine(context, ...ends) {
+  /** @param {...number} ends */
+  paintGridLine(...ends) {
+    const { context } = this;
     const [x0, y0, x1, y1] = ends.map((end) => Math.round(end) + 0.5);
     context.globalAlpha = 0.16;
     context.beginPath();
@@ -183,47 +297,141 @@ class CurvePlot extends Sketch {
     context.globalAlpha = 1;
   }
 
-  paintAxisNames(context) {
+  paintAxisNames(/** @type {string} */ x, /** @type {string} */ y) {
+    const { context } = this;
     const { left, right, top, bottom } = this;
     context.textAlign = "center";
-    context.fillText(this.figure.x.label, (left + right) / 2, bottom + 31);
+    context.fillText(x, (left + right) / 2, bottom + 31);
     context.save();
     context.translate(9, (top + bottom) / 2);
     context.rotate(-Math.PI / 2);
-    context.fillText(shorten(context, this.figure.y.label, bottom - top), 0, 0);
+    context.fillText(shorten(context, y, bottom - top), 0, 0);
     context.restore();
   }
 
-  paintCurves(context) {
-    context.save();
-    context.beginPath();
-    context.rect(this.left, this.top, this.right - this.left, this.bottom - this.top);
-    context.clip();
-    for (const curve of this.figure.series) this.paintCurve(context, curve);
-    context.restore();
+  paintMark(/** @type {Mark} */ mark) {
+    const { context } = this;
+    context.fillStyle = this.colour(mark.colour);
+    context.globalAlpha = mark.alpha ?? 1;
+    if (mark.type === "line") this.paintLine(mark);
+    else if (mark.type === "dots") this.paintDots(mark);
+    else if (mark.type === "band") this.paintBand(mark);
+    else if (mark.type === "bar") this.paintBars(mark);
+    else this.paintText(mark);
+    context.globalAlpha = 1;
   }
 
-  paintCurve(context, curve) {
-    const { samples } = curve;
-    const last = samples.length - 1;
-    // Browsers drop paths that run off to enormous coordinates.
-    const onCanvas = (y) => Math.min(2 * this.bottom, Math.max(-this.bottom, y));
-    const stride = (this.right - this.left) / last;
-    this.setLine(context, curve);
+  /**
+   * Where sample i lies between left and right.
+   * @param {Numbers | undefined} x
+   * @param {number} count
+   * @returns {(i: number) => number}
+   */
+  across(x, count) {
+    const step = (this.right - this.left) / (count - 1);
+    return x ? (i) => this.toX(x[i]) : (i) => this.left + i * step;
+  }
+
+  paintLine(/** @type {Look & Line} */ { x, y, ...look }) {
+    const { context } = this;
+    const count = (x ?? y ?? []).length;
+    const toX = this.across(x, count);
+    const rise = (this.bottom - this.top) / (count - 1);
+    this.setLine(look);
     context.beginPath();
-    if (curve.mirrored) samples.forEach((value, i) => context.lineTo(this.toX(value), this.toY(i / last)));
-    else samples.forEach((value, i) => context.lineTo(this.left + i * stride, onCanvas(this.toY(value))));
+    for (let i = 0; i < count; i++) context.lineTo(toX(i), y ? this.toY(y[i]) : this.bottom - i * rise);
     context.stroke();
   }
 
-  paintLegend(context, { curve, label, x, row }) {
+  paintDots(/** @type {Look & Dots} */ { x, y, ...look }) {
+    for (let i = 0; i < x.length; i++) this.paintDot(this.toX(x[i]), this.toY(y[i]), look);
+  }
+
+  /**
+   * A rim of ink tells dots of a colour from the others without it.
+   * @param {number} x
+   * @param {number} y
+   * @param {Look & Omit<Dots, "x" | "y">} look
+   */
+  paintDot(x, y, { shape = "disc", radius, colour, rim }) {
+    const { context } = this;
+    context.beginPath();
+    SHAPES[shape](context, x, y, radius);
+    if (shape !== "ring") context.fill();
+    if (shape !== "ring" && !rim) return;
+    this.setLine(rim ? { width: 1 } : { colour });
+    context.stroke();
+  }
+
+  paintBand(/** @type {Band} */ { x, low, high }) {
+    const { context } = this;
+    const toX = this.across(x, low.length);
+    context.beginPath();
+    for (let i = 0; i < low.length; i++) context.lineTo(toX(i), this.toY(low[i]));
+    for (let i = high.length - 1; i >= 0; i--) context.lineTo(toX(i), this.toY(high[i]));
+    context.fill();
+  }
+
+  paintBars(/** @type {Bar} */ { x, low, high, width = 1 }) {
+    const { context } = this;
+    const count = (x ?? low ?? high ?? []).length;
+    const share = (this.right - this.left) / count;
+    for (let i = 0; i < count; i++) {
+      // Whole pixels, so that the edges are crisp.
+      const start = Math.round(x ? this.toX(x[i]) - width / 2 : this.left + i * share);
+      const end = x ? start + width : Math.round(this.left + (i + 1) * share);
+      const bottom = Math.round(low ? Math.min(this.bottom, this.toY(low[i])) : this.bottom);
+      const top = Math.round(high ? Math.max(this.top, this.toY(high[i])) : this.top);
+      context.fillRect(start, top, end - start, bottom - top);
+    }
+  }
+
+  // Inside the frame, above the point and to its right where there is room.
+  paintText(/** @type {Text} */ { x, y, text }) {
+    const { context } = this;
+    const [atX, atY] = [this.toX(x), this.toY(y)];
+    const length = context.measureText(text).width;
+    const left = atX + 14 + length > this.right ? atX - 14 - length : atX + 14;
+    const middle = atY - 18 < this.top + 8 ? atY + 18 : atY - 18;
+    context.fillStyle = this.dark ? "#111" : "#fff"; // hides what lies behind
+    context.fillRect(left - 4, middle - 8, length + 8, 16);
+    context.fillStyle = this.ink;
+    context.textAlign = "left";
+    context.fillText(text, left, middle);
+  }
+
+  paintLegend(/** @type {ReturnType<typeof legendEntries>[number]} */ { mark, label, x, row }) {
+    const { context } = this;
     const [start, y] = [this.left + x, row * ROW + ROW / 2];
-    this.setLine(context, curve);
-    context.beginPath();
-    context.moveTo(start, y);
-    context.lineTo(start + LEGEND_LINE, y);
-    context.stroke();
+    context.fillStyle = this.colour(mark.colour);
+    context.globalAlpha = mark.alpha ?? 1;
+    if (mark.type === "dots") this.paintDot(start + LEGEND_LINE / 2, y, mark);
+    else if (mark.type === "line") {
+      this.setLine(mark);
+      context.beginPath();
+      context.moveTo(start, y);
+      context.lineTo(start + LEGEND_LINE, y);
+      context.stroke();
+    } else context.fillRect(start, y - 6, LEGEND_LINE, 12);
+    context.globalAlpha = 1;
+    context.fillStyle = this.ink;
     context.textAlign = "left";
     context.fillText(label, start + LEGEND_LINE + 6, y);
+  }
+
+  /**
+   * Which of these points is the nearest to a place on the canvas, or null where none lies within `reach` pixels.
+   * @param {{ x: Numbers, y: Numbers }} points
+   * @param {number} x
+   * @param {number} y
+   * @param {number} reach
+   */
+  nearest(points, x, y, reach) {
+    let [best, least] = [/** @type {number | null} */ (null), reach];
+    for (let i = 0; i < points.x.length; i++) {
+      const distance = Math.hypot(this.toX(points.x[i]) - x, this.toY(points.y[i]) - y);
+      if (distance < least) [best, least] = [i, distance];
+    }
+    return best;
   }
 }
