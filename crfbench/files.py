@@ -24,10 +24,7 @@ def check_sums(path: Path) -> None:
 def write_atomically(path: str | Path, content: bytes) -> None:
     """Write `content` to a temporary file beside `path`, then rename it into place.
 
-    Raises
-    ------
-    OSError
-        Naming `path`, where it cannot be written.
+    An `OSError` names `path`, where it cannot be written.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -182,15 +182,7 @@ def one_thread() -> Iterator[None]:
 
 
 class Trainer:
-    """The state of one training; `train` drives it, and a page that shows a training can too.
-
-    Parameters
-    ----------
-    curves : ndarray, shape (n, 1024)
-        Valid curves.
-    direction : {"inverse", "forward"}
-    config : TrainingConfig
-    """
+    """The state of one training of valid curves (n, 1024); `train` drives it, and a page that shows one can too."""
 
     def __init__(self, curves: np.ndarray, direction: Direction, config: TrainingConfig) -> None:
         self.config, self.curves = config, torch.tensor(curves, dtype=torch.float32)
@@ -323,13 +315,8 @@ def pretrained_keys() -> list[str]:
 def train_pretrained(names: Iterable[str], folder: Path, progress: bool = True) -> Iterator[Path]:
     """Train models by name and write their weights, and the histories of the one-latent inverse ones, under `folder`.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Of `pretrained_keys`. "open" models learn from OpenCRF alone, all others from DoRF, which must be there.
-    folder : Path
-        Gets ``weights/NAME.safetensors`` and ``histories/CONSTRAINT.npz``; each path is yielded once it is written.
-    progress : bool
+    Names are those of `pretrained_keys`; "open" models learn from OpenCRF alone, all others from DoRF, which must be
+    there. Yields ``weights/NAME.safetensors`` and ``histories/CONSTRAINT.npz`` once each is written.
     """
     keys = [ModelKey.parse(name) for name in names]
     for key in keys:

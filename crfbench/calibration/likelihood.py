@@ -32,24 +32,15 @@ Sets = np.ndarray | slice
 
 @dataclass(frozen=True)
 class Noise:
-    """What is not exact, as standard deviations.
+    """What is not exact, as standard deviations."""
 
-    Parameters
-    ----------
-    brightness : float
-        Of a patch's brightness, in units of the full range; a share 2.2 `brightness` / b of the irradiance.
-    exposure : float
-        Of each known exposure, in stops.
-    independent : float
-        The share of the observations that count as independent. How a model misses a real curve varies slowly along
-        it, so that neighbours repeat each other; by default four photographs of one chart count as one.
-    freedom : float
-        Degrees of freedom with which these figures are believed; the data may scale all of them together.
-    """
-
+    # of a patch's brightness, in units of the full range; a share 2.2 `brightness` / b of the irradiance
     brightness: float = 0.02
-    exposure: float = 0.1
+    exposure: float = 0.1  # of each known exposure, in stops
+    # the share of the observations that count as independent. How a model misses a real curve varies slowly along it,
+    # so that neighbours repeat each other; by default four photographs of one chart count as one
     independent: float = 0.25
+    # degrees of freedom with which these figures are believed; the data may scale all of them together
     freedom: float = 2.0
 
     def __post_init__(self) -> None:

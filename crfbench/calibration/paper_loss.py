@@ -19,14 +19,9 @@ _TINY = 1e-12  # variance of decoded irradiance below which a curve is flat
 
 
 class AlignedLoss:
-    """The loss of `n` sets of observations; clipped patches count as they do in the paper, like any other.
+    """The loss of `n` sets of observations with a reference; clipped patches count as in the paper, like any other.
 
-    Parameters
-    ----------
-    observations : Observations
-        With a reference.
-    offset : bool
-        Whether each photograph is aligned by scale and offset, or by scale alone.
+    Without `offset` each photograph is aligned by scale alone.
     """
 
     def __init__(self, observations: Observations, offset: bool = True) -> None:

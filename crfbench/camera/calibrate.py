@@ -55,6 +55,8 @@ def calibrate(
 ) -> CameraCalibration:
     """Calibrate a camera from its photographs: of a colour chart, or of any static scene at several exposures.
 
+    When no photograph with a chart is left, or fewer than two of a series, this is an `InputError`.
+
     Parameters
     ----------
     source : path or iterable of path
@@ -74,11 +76,6 @@ def calibrate(
     -------
     CameraCalibration
         Exposures without a chart tell no scale: that the curve ends in (1, 1) is then the model's word.
-
-    Raises
-    ------
-    InputError
-        When no photograph with a chart is left, or fewer than two of a series; and for a bad argument.
     """
     given = [source] if isinstance(source, str | Path) else (source := list(source))
     if missing := [path for path in map(Path, given) if not path.exists()]:

@@ -39,26 +39,10 @@ def render_series(
 ) -> ExposureSeries:
     """Photograph random regions of smooth shading and moderate colour, whose radiance spans some decades.
 
-    Parameters
-    ----------
-    response : array_like, shape (1024,)
-        Forward response from irradiance to brightness, the same in all channels.
-    seed : int
-        Chooses the scene and the noise.
-    size : tuple of int
-        Width and height in pixels.
-    stops : sequence of float
-        Exposures; the middle of the range shows the brightest region just at full scale.
-    decades : float
-        From the darkest region to the brightest, uniform in the logarithm.
-    full_well : float
-        Electrons at full scale; photon noise has the variance irradiance / full_well.
-    read_noise : float
-        Standard deviation of the read noise, in units of full scale.
-
-    Returns
-    -------
-    ExposureSeries
+    `response` (1024,) maps irradiance to brightness in all channels; `seed` chooses the scene and the noise; `size` is
+    width and height in pixels. The middle of the `stops` shows the brightest region just at full scale. `full_well` are
+    electrons at full scale, for photon noise of the variance irradiance / full_well; `read_noise` is in units of full
+    scale.
     """
     if not isinstance(size, Sequence) or len(size) != 2:
         raise InputError(f"size={size!r} has the wrong shape; use width and height in pixels")

@@ -115,17 +115,14 @@ def _origins() -> Array:
 def load_labels(path: Path) -> dict[str, Array]:
     """Load the corners of every photograph that a person labelled, from JSON.
 
+    A file that is missing or holds anything else, or a photograph twice, is a `FormatError`.
+
     ``{"version": 1, "labels": [{"photograph": "IMG_1", "corners": [[x, y], [x, y], [x, y], [x, y]]}]}``: the name of
     the file without its extension, and the corners clockwise from any corner on.
 
     Returns
     -------
     dict of str to ndarray, shape (4, 2)
-
-    Raises
-    ------
-    FormatError
-        If the file is missing, is not such JSON, names a photograph twice or holds corners that cannot be a chart's.
     """
     path = Path(path)
     try:

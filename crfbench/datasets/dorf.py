@@ -43,15 +43,10 @@ _EMOR_NAME = re.compile(r"^[ \t]*([A-Za-z]\w*(?:\(\d+\))?)[ \t]*=[ \t\r]*$", re.
 def load_dorf() -> Responses:
     """Load the 201 measured responses of films, sensors and cameras; the official text is preferred, for its names.
 
+    No file is a `MissingDataError`; one that is damaged or holds other curves is a `FormatError`.
+
     With names, the unit of a curve is its film or camera (the name without Red, Green or Blue), and two films
     whose curves are copies are one unit. Without (the ``.mat``), curves that chain within an RMSE of 0.01 are one.
-
-    Raises
-    ------
-    MissingDataError
-        If neither file is there.
-    FormatError
-        If the file that is there is damaged or does not hold the DoRF curves.
     """
     official = next((path for path in map(find, _OFFICIAL) if path), None)
     path = official or require(_MAT, "dorf")
@@ -142,12 +137,7 @@ def parse_dorf_text(text: str) -> tuple[tuple[str, ...], Array, Array]:
     """Parse the official text: records of a name, a scale label, "I =", 1024 values, "B =", 1024 values.
 
     Blank lines, any line ends and any number of spaces are accepted; a `FormatError` names the record that is wrong.
-
-    Returns
-    -------
-    names : tuple of str, length n
-    irradiance, brightness : ndarray, shape (n, 1024)
-        Irradiance rises strictly, brightness does not fall; both as printed, in any unit.
+    Returns n names, and irradiance, which rises strictly, and brightness, which does not fall, (n, 1024) each.
     """
     lines = [line for raw in re.split(r"\r\n|\r|\n", text) if (line := raw.strip())]
     records = [_record(lines[start : start + 6], start // 6 + 1) for start in range(0, len(lines), 6)]
@@ -215,16 +205,13 @@ def known_fingerprint() -> dict[str, list[float]]:
 def load_emor_basis(direction: Direction = "inverse") -> tuple[Array, Array]:
     """Load the published EMoR basis from the data folders: ``invemor.txt`` or ``emor.txt``.
 
+    No file is a `MissingDataError`; one that is damaged is a `FormatError`.
+
     Returns
     -------
     mean : ndarray, shape (1024,)
     components : ndarray, shape (25, 1024)
         Orthonormal to 1e-7, the largest eigenvalue first.
-
-    Raises
-    ------
-    MissingDataError
-        If the file is in no data folder; one that is damaged is a `FormatError`.
     """
     file, head, *_ = _EMOR[check_direction(direction)]
     path = require(file, "emor")
@@ -240,10 +227,7 @@ def load_emor_basis(direction: Direction = "inverse") -> tuple[Array, Array]:
 def parse_emor(text: str) -> tuple[Array, Array, Array]:
     """Parse ``emor.txt`` or ``invemor.txt``: named blocks of 1024 numbers; a `FormatError` names the one that is wrong.
 
-    Returns
-    -------
-    grid, mean : ndarray, shape (1024,)
-    components : ndarray, shape (25, 1024)
+    Returns grid and mean, (1024,), and the components (25, 1024).
     """
     before, *parts = _EMOR_NAME.split(text)
     names, blocks = parts[0::2], parts[1::2]

@@ -86,10 +86,7 @@ def require(relative_path: str, key: str) -> Path:
 def status() -> list[dict[str, str]]:
     """Say of every known data set whether it is here, by the names of its files; the contents are not read.
 
-    Returns
-    -------
-    list of dict
-        With "key", "what", "licence", "present" ("bundled", "complete", "partial (n of m)" or "absent") and "where".
+    Each has key, what, licence, where, and present: "bundled", "complete", "partial (n of m)" or "absent".
     """
     rows = []
     for entry in known().values():

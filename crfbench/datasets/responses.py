@@ -85,6 +85,8 @@ class Responses:
 def load_opencrf(tier: str = "core") -> Responses:
     """Load OpenCRF: curves of 49 film stocks and 40 transfer functions of cameras; no measured digital camera.
 
+    A bundled file that is missing or damaged is a `FormatError`.
+
     `data/SOURCES.md` tells where the numbers come from, `scripts/build_opencrf.py` how they were made.
 
     Parameters
@@ -97,11 +99,6 @@ def load_opencrf(tier: str = "core") -> Responses:
     -------
     Responses
         151, 16 or 167 curves.
-
-    Raises
-    ------
-    FormatError
-        If the bundled file is missing or damaged.
     """
     check_choice("tier", tier, TIERS)
     path = bundled("data/opencrf.npz")

@@ -31,23 +31,15 @@ _PAPERS_KIND = {"SLR": "ldl", "EMoR": "published"}
 def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECTIONS) -> pd.DataFrame:
     """Fit every model to every curve with its best parameters and summarise the distances.
 
-    Parameters
-    ----------
-    responses : Responses
-    directions : sequence of {"forward", "inverse"}
-
-    Returns
-    -------
-    DataFrame
-        One row for each model and split, with the columns of `COLUMNS`.
-        ``split`` is "in-sample" (what a model learns, it learned from these curves), "grouped-5fold" (from the
-        other folds, and curves of one film or camera stay together; a model that learns nothing has the same
-        figures in both) or "other-set" (it learned from DoRF and these are OpenCRF's, or the other way round).
-        The "grouped-5fold" rows of SLR models were recorded, for they train five networks each; see
-        ``scripts/record_slr.py``. RMSE and MSE are in units of the curve's range; ``nonmonotone`` and ``out_of_range``
-        are shares of the decoded curves; ``seconds`` is the time of all fits of the row; ``paper`` is the
-        figure of the paper's Table 1, which speaks of forward in-sample fits of DoRF, and ``verdict`` follows
-        `crfbench.paper.verdicts.verdict`. "EMoR-published-..." has the published basis, "EMoR-..." one learned here.
+    Returns one row for each model and split, with the columns of `COLUMNS`. ``split`` is "in-sample" (what a model
+    learns, it learned from these curves), "grouped-5fold" (from the other folds, and curves of one film or camera
+    stay together; a model that learns nothing has the same figures in both) or "other-set" (it learned from DoRF
+    and these are OpenCRF's, or the other way round). The "grouped-5fold" rows of SLR models were recorded, for they
+    train five networks each; see ``scripts/record_slr.py``. RMSE and MSE are in units of the curve's range;
+    ``nonmonotone`` and ``out_of_range`` are shares of the decoded curves; ``seconds`` is the time of all fits of
+    the row; ``paper`` is the figure of the paper's Table 1, which speaks of forward in-sample fits of DoRF, and
+    ``verdict`` follows `crfbench.paper.verdicts.verdict`. "EMoR-published-..." has the published basis, "EMoR-..."
+    one learned here.
     """
     rows = [row for direction in directions for row in _rows(responses, direction)]
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"paper": float})

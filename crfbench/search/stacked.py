@@ -64,10 +64,7 @@ def initial_trainer(curves: np.ndarray, direction: Direction, config: TrainingCo
 class StackedNetworks:
     """S networks, candidate by candidate and for each fold by fold, of L layers in all.
 
-    Attributes
-    ----------
-    weights : list of Tensor, length L, shape (S, in, out)
-    biases : list of Tensor, length L, shape (S, 1, out)
+    For each layer `weights` hold a Tensor (S, in, out) and `biases` one of (S, 1, out).
     """
 
     def __init__(self, stack: Stack) -> None:

@@ -38,7 +38,8 @@ class TrainingPanel(anywidget.AnyWidget):
     other cells can be run meanwhile. There is one training at a time: to start one stops the one under way. What a
     stopped training has reached is kept.
 
-    `status` and `running` are traits, for ``observe``; they change in the training's thread.
+    `status` and `running` are traits, for ``observe``; they change in the training's thread. `model` and `history` are
+    what the last training gave, with every epoch.
 
     Parameters
     ----------
@@ -46,13 +47,6 @@ class TrainingPanel(anywidget.AnyWidget):
         Gets the history of each training.
     responses : Responses, optional
         What to train on; by default DoRF where it is present, else OpenCRF.
-
-    Attributes
-    ----------
-    model : SLR or None
-        What the last training gave.
-    history : History or None
-        Of the last training, every epoch.
 
     Examples
     --------
@@ -104,16 +98,7 @@ class TrainingPanel(anywidget.AnyWidget):
     def start(
         self, constraint: str = "LDL", seed: int = 0, epochs: int = _EPOCHS, direction: Direction = "inverse"
     ) -> None:
-        """Begin a training and return at once.
-
-        Parameters
-        ----------
-        constraint : {"LDL", "AUC", "AAE", "VAE", "baseline"}
-        seed : int
-        epochs : int
-            From 1 to 5000.
-        direction : {"inverse", "forward"}
-        """
+        """Begin a training and return at once; `constraint` is one of `CONSTRAINTS`, epochs are 1 to 5000."""
         check_choice("constraint", constraint, CONSTRAINTS)
         check_direction(direction)
         check_count("seed", seed, least=0, most=_MOST_SEED)

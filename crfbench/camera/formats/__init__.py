@@ -34,6 +34,8 @@ _MOST_BYTES = 32 * 2**20
 def write_response(passport: Passport, path: str | Path, format: str | None = None, overwrite: bool = False) -> None:
     """Write the response for another program.
 
+    For "hugin" the published EMoR basis must have been fetched, else this is a `MissingDataError`.
+
     Parameters
     ----------
     passport : Passport
@@ -42,11 +44,6 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
     format : str, optional
         A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
     overwrite : bool
-
-    Raises
-    ------
-    MissingDataError
-        For "hugin" where the published EMoR basis is absent.
     """
     module = FORMATS[_format(path, format)]
     write_new(path, module.write(passport), overwrite)
@@ -54,6 +51,8 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
 
 def read_response(path: str | Path, format: str | None = None) -> Passport:
     """Read a response that `write_response` or another program wrote.
+
+    A path that leads nowhere is a `MissingDataError`, a file of another format a `FormatError`.
 
     Parameters
     ----------
@@ -65,13 +64,6 @@ def read_response(path: str | Path, format: str | None = None) -> Passport:
     -------
     Passport
         What the format does not carry stays unknown.
-
-    Raises
-    ------
-    MissingDataError
-        For a path that leads nowhere, and for "hugin" where the published EMoR basis is absent.
-    FormatError
-        For a file that is not of the format.
     """
     name = _format(path, format)
     if not Path(path).is_file():
