@@ -13,28 +13,17 @@ from crfbench import camera, cli, lab
 from crfbench.models import ModelKey, load_model
 from crfbench.paper import figures, fitting, stability
 from crfbench.paper.fitting import COLUMNS
+from crfbench.paper.results import load_recorded
 from tests.support.command import run_command
 
 
-@pytest.fixture(scope="module", autouse=True)
-def curves_are_fitted_once():
-    """Let every command that prints fits take its rows from one table, which takes half a minute to compute."""
-    compute, tables = fitting.fitting_table, {}
-
-    def fitting_table(responses, directions=fitting.DIRECTIONS):
-        if responses.dataset not in tables:
-            tables[responses.dataset] = compute(responses)
-        table = tables[responses.dataset]
-        return table[table["direction"].isin(directions)].reset_index(drop=True)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fitting, "fitting_table", fitting_table)
-        yield
-
-
-@pytest.fixture(scope="module")
-def fitting_json(curves_are_fitted_once):
-    return run_command("table", "fitting", "--json")
+@pytest.fixture
+def recorded_fits(monkeypatch):
+    """Let the command print rows that were recorded: fitting them all takes a minute and has tests of its own."""
+    table = load_recorded("fitting_dorf")[0]
+    monkeypatch.setattr(
+        fitting, "fitting_table", lambda responses, directions: table[table["direction"].isin(directions)]
+    )
 
 
 def test_the_command_works_as_a_process():
@@ -46,15 +35,16 @@ def test_the_command_works_as_a_process():
     assert done.stderr.startswith("crfbench: no model is named")
 
 
-def test_json_rows_have_exactly_the_keys(fitting_json):
-    assert fitting_json.returncode == 0
-    rows = json.loads(fitting_json.stdout)
+def test_json_rows_have_exactly_the_keys(recorded_fits):
+    done = run_command("table", "fitting", "--json")
+    assert done.returncode == 0
+    rows = json.loads(done.stdout)
     assert all(tuple(row) == COLUMNS for row in rows)
     assert {row["split"] for row in rows} == {"in-sample", "grouped-5fold", "other-set"}
     assert {row["direction"] for row in rows} == {"forward", "inverse"}
 
 
-def test_without_dorf_the_recorded_table_stands_beside():
+def test_without_dorf_the_recorded_table_stands_beside(recorded_fits):
     done = run_command("table", "fitting", "--direction", "forward")
     assert done.returncode == 0
     assert "opencrf, computed now" in done.stdout

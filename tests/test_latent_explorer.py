@@ -284,4 +284,4 @@ def test_only_what_it_needs_is_loaded() -> None:
     heavy = ("torch", "pandas", "matplotlib", "cv2", "crfbench.paper", "crfbench.camera", "crfbench.search")
     assert [name for name in loaded if name.startswith(heavy)] == []
     ours = {name.rpartition(".")[2] for name in loaded if name.startswith("crfbench.widgets.")}
-    assert ours == {"assets", "latent_explorer", "page", "traits"}
+    assert ours == {"assets", "latent_explorer", "page"}

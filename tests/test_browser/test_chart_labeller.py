@@ -9,7 +9,7 @@ import pytest
 
 from .looks import colours, overflowing, picture, screenshot, settled, switch_theme
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 SIZE = (900, 600)
 # Where the chart lies in the photographs, as shares: from the dark skin patch clockwise.

@@ -12,7 +12,7 @@ from crfbench.widgets import EpochPlayer
 
 from .looks import colours, drag, overflowing, picture, screenshot, settled, switch_theme
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 NAMES = ("LDL", "AUC", "AAE", "VAE", "baseline")
 CELLS = [

@@ -11,7 +11,7 @@ from crfbench.models import GGCM
 
 from .looks import colours, drag, overflowing, picture, readout, screenshot, settled, switch_theme
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 NAMES = ["film A", "film B", "camera with a rather long name (red channel)", "film C"]
 CURVES = np.stack(

@@ -6,7 +6,7 @@ import pytest
 
 from .looks import overflowing, picture, screenshot, settled, switch_theme
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 CELLS = [
     """import numpy as np

@@ -10,7 +10,7 @@ import pytest
 
 from .looks import picture, screenshot, settled
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 SLIDER = "notebooks/2-latent-slider.html"
 
@@ -81,6 +81,7 @@ def test_the_reference_is_searched_without_a_network(page):
     page.locator(".search-result").first.wait_for()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1100, 400])
 @pytest.mark.parametrize(
