@@ -81,7 +81,6 @@ def test_the_reference_is_searched_without_a_network(page):
     page.locator(".search-result").first.wait_for()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1100, 400])
 @pytest.mark.parametrize(
@@ -96,7 +95,6 @@ def test_reads_well_everywhere(page, name, width, scheme):
     screenshot(page, f"site-{Path(name).stem}-{scheme}-{width}", "body")
 
 
-@pytest.mark.slow
 def test_no_page_scrolls_sideways_at_200_and_400_percent(page, site: Path):
     names = sorted(str(path.relative_to(site)) for path in site.rglob("*.html"))
     assert len(names) > 100
