@@ -2,7 +2,7 @@
 
 A name is family, constraint (of networks: how the latent was shaped in training), number of parameters, and the
 direction where it is not "inverse". It is spelled the same in Python, on the command line, in tables and records, and
-as the name of a weights file. A new model gets its line in `MODELS` and joins every test, figure and table.
+as the name of a weights file. A new model gets its line in `MODELS` and joins the contract test and the fitting table.
 """
 
 import re
@@ -34,7 +34,6 @@ MODELS: dict[type[ClosedForm], tuple[int, ...]] = {
 
 PRIORS = "data/dorf_priors.npz"
 WEIGHTS = "data/weights"
-PUBLISHED = "published"
 
 _NAME = re.compile(r"([a-z]+)(?:-([a-z]+))?-(\d+)(?:-(forward|inverse))?", re.IGNORECASE)
 
@@ -85,7 +84,7 @@ class ModelKey:
 
     def load(self) -> ResponseModel:
         """Load the model of this name, as `load_model` does; a damaged file is a `FormatError`."""
-        if (self.family, self.constraint) == (EMoR.name, PUBLISHED):
+        if (self.family, self.constraint) == (EMoR.name, "published"):
             return EMoR(*load_emor_basis(self.direction), self.n_params, self.direction)
         if self not in bundled_models():
             same = [str(key) for key in bundled_models() if key.family == self.family] or map(str, bundled_models())
@@ -95,7 +94,8 @@ class ModelKey:
         try:
             with bundled(PRIORS).open("rb") as file, np.load(file, allow_pickle=False) as learned:
                 model = self._bare(learned)
-                model.prior_ = Prior(learned[f"{self}.mean"], learned[f"{self}.covariance"])
+                if f"{self}.mean" in learned:  # a model that is new in `MODELS` waits for scripts/build_priors.py
+                    model.prior_ = Prior(learned[f"{self}.mean"], learned[f"{self}.covariance"])
         except NPZ_DAMAGE as error:
             raise FormatError(f"{PRIORS} is damaged ({error}); install crfbench again to restore it") from None
         return model
@@ -111,7 +111,7 @@ class ModelKey:
 
 
 def bundled_models() -> list[ModelKey]:
-    """Return the keys of all models that `load_model` offers: the closed forms, then the pretrained networks."""
+    """Return the keys of all models: the closed forms, which need a learned prior, then the pretrained networks."""
     sides: tuple[Direction, ...] = ("inverse", "forward")
     closed = [ModelKey(kind.name, "", k, side) for side in sides for kind, ks in MODELS.items() for k in ks]
     trained = sorted(ModelKey.parse(path.stem) for path in bundled(WEIGHTS).glob("*.safetensors"))

@@ -1,7 +1,7 @@
 """The paper's room: what it prints, what we get, and why.
 
-A claim of the paper stands in `crfbench.paper.claims`, the numbers of its tables in `crfbench.paper.printed`, our
-tables in the module of their subject, and what took minutes to compute in ``data/recorded``.
+A claim of the paper stands in `claims` or `claims_data`, the numbers of its tables in `printed`, our tables in the
+module of their subject, and what took minutes to compute in ``data/recorded``.
 """
 
 from importlib import import_module
