@@ -6,12 +6,11 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from benchmarks.timing import Growth, Row, draw_growth, noted
+from benchmarks.timing import Row, draw_growth, growths_of, noted, rows_of
 
 SUBJECTS = (
     "imports",
@@ -42,16 +41,6 @@ def apart(function: Callable[[str], Any], subject: str) -> "Future[Any]":
     """Run a function in a new process, which meets no threads, caches or memory that another subject left behind."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         return executor.submit(function, subject)
-
-
-def rows_of(subject: str) -> list[Row]:
-    """Measure one subject in this process."""
-    return list(import_module(f"benchmarks.{subject}").rows())
-
-
-def growths_of(subject: str) -> list[Growth]:
-    """Measure in this process how the time of one subject grows."""
-    return list(import_module(f"benchmarks.{subject}").growths())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

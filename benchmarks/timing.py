@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -87,3 +88,14 @@ def draw_growth(growths: list[Growth], target: Path) -> None:
     figure.savefig(buffer, format=target.suffix[1:])
     plt.close(figure)
     write_atomically(target, buffer.getvalue())
+
+
+# Here and not beside the command line: a new process cannot import what ``python -m`` runs.
+def rows_of(subject: str) -> list[Row]:
+    """Measure one subject in this process."""
+    return list(import_module(f"benchmarks.{subject}").rows())
+
+
+def growths_of(subject: str) -> list[Growth]:
+    """Measure in this process how the time of one subject grows."""
+    return list(import_module(f"benchmarks.{subject}").growths())
