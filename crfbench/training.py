@@ -48,7 +48,7 @@ class TrainingConfig:
     hidden: tuple[int, ...] = (50, 20)  # neurons of the encoder's hidden layers
     n_latent: int = 1
     monotone: bool = False
-    constraint: str = "ldl"  # A name in `crfbench.constraints.CONSTRAINTS`
+    constraint: str = "ldl"  # a name in `crfbench.constraints.CONSTRAINTS`
     smoothness: float = 1e-5  # weight of the l2-norm of the decoded curves' first derivative
     dropout: float = 0.0  # share of hidden neurons left out at random in each step; none at inference
     epochs: int = 1000
