@@ -18,8 +18,8 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 
 from crfbench import camera
-from crfbench.camera.patch_table import chart_table, observe_chart, separate
-from crfbench.camera.photographs import pair_photographs
+from crfbench.camera.measuring import chart_table, observe_chart, separate
+from crfbench.camera.reading import pair_photographs
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.chart import chart_boxes, save_labels

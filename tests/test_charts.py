@@ -13,10 +13,25 @@ from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
 from crfbench.camera import reading
-from crfbench.camera.measuring import chart_confidence, find_chart, measure_chart, orient
-from crfbench.camera.patch_table import chart_table, measure_photograph
-from crfbench.camera.photographs import Pair, exposure_steps, pair_photographs
-from crfbench.camera.reading import Exif, read_exif, read_image, read_levels, read_raw, read_size
+from crfbench.camera.measuring import (
+    chart_confidence,
+    chart_table,
+    find_chart,
+    measure_chart,
+    measure_photograph,
+    orient,
+)
+from crfbench.camera.reading import (
+    Exif,
+    Pair,
+    exposure_steps,
+    pair_photographs,
+    read_exif,
+    read_image,
+    read_levels,
+    read_raw,
+    read_size,
+)
 from crfbench.curves import GRID, evaluate
 from crfbench.datasets import load_opencrf, load_patches
 from crfbench.datasets.chart import load_labels, save_labels

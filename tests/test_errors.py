@@ -8,7 +8,7 @@ import pytest
 
 import crfbench
 from crfbench import camera, curves, metrics
-from crfbench.calibration.likelihood import Noise
+from crfbench.calibration.posterior import Noise
 from crfbench.calibration.table import decode_table
 from crfbench.camera import Passport, merge_series, pair_photographs, render_series
 from crfbench.camera.series import sample_series

@@ -6,9 +6,8 @@ from scipy.integrate import quad
 from scipy.stats import binomtest, norm
 
 from crfbench.calibration import Noise, Observations, calibrate, decode_table
-from crfbench.calibration.likelihood import Likelihood
 from crfbench.calibration.paper_loss import AlignedLoss
-from crfbench.calibration.posterior import Posterior, PosteriorSamples, drawn_samples, exact_samples
+from crfbench.calibration.posterior import Likelihood, Posterior, PosteriorSamples, drawn_samples, exact_samples
 from crfbench.calibration.table import chunks
 from crfbench.curves import GRID
 from crfbench.errors import InputError

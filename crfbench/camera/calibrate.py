@@ -10,11 +10,20 @@ import numpy as np
 
 from crfbench.calibration import Calibration, Noise
 from crfbench.calibration import calibrate as calibrate_observations
+from crfbench.camera.measuring import MeasuredChart, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
-from crfbench.camera.patch_table import MeasuredChart, chart_table, observe_chart
-from crfbench.camera.photographs import Problem, Source, as_times, list_photographs, pair_photographs, read_series
-from crfbench.camera.reading import IMAGE_SUFFIXES, Exif, read_exif
+from crfbench.camera.reading import (
+    IMAGE_SUFFIXES,
+    Exif,
+    Problem,
+    Source,
+    as_times,
+    list_photographs,
+    pair_photographs,
+    read_exif,
+    read_series,
+)
 from crfbench.camera.series import calibrate_series
 from crfbench.camera.worker import WORKER
 from crfbench.curves import repair

@@ -12,8 +12,8 @@ import pandas as pd
 from scipy.optimize import isotonic_regression
 
 from crfbench.calibration import METHODS, Calibration, Noise, Observations, calibrate
-from crfbench.calibration.likelihood import DARKEST
 from crfbench.calibration.observations import REFERENCE_ERROR, colour_spread
+from crfbench.calibration.posterior import DARKEST
 from crfbench.checks import check_choice, check_seed
 from crfbench.curves import GRID, Array, evaluate, repair
 from crfbench.datasets import load_patches, load_responses, registry
