@@ -1,5 +1,6 @@
 """The world's files: every kind that people have is read exactly, and what is assumed of it is said."""
 
+import json
 import os
 import struct
 import subprocess
@@ -625,3 +626,15 @@ def test_lists_of_photographs_keep_links(tmp_path):
     save_jpeg(tmp_path / "a.jpg")
     (tmp_path / "b.jpg").symlink_to("a.jpg")
     assert [path.name for path in list_photographs(tmp_path)] == ["a.jpg", "b.jpg"]
+
+
+def test_a_passport_keeps_its_white_level_and_older_ones_have_none(tmp_path):
+    path = tmp_path / "passport.json"
+    camera.write_response(camera.Passport("inverse", GRID, white_level=4095), path)
+    assert camera.read_response(path).white_level == 4095
+    content = json.loads(path.read_text())
+    del content["white_level"]
+    path.write_text(json.dumps(content))
+    assert camera.read_response(path).white_level is None
+    with pytest.raises(InputError, match="white_level=0 is out of range"):
+        camera.Passport("inverse", GRID, white_level=0)
