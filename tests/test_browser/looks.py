@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 
-def picture(page) -> str:
-    return page.evaluate("document.querySelector('.crf canvas').toDataURL()")
+def picture(page, within: str = ".crf") -> str:
+    return page.evaluate(f"document.querySelector('{within} canvas').toDataURL()")
 
 
 def readout(page, name: str) -> str:
@@ -14,7 +14,7 @@ def readout(page, name: str) -> str:
 
 def settled(page) -> None:
     """Wait until Python has answered all that the page asked, and the answer is painted."""
-    page.wait_for_selector(".crf:not([aria-busy=true])")
+    page.wait_for_function("() => document.querySelector('.crf') && !document.querySelector('.crf[aria-busy=true]')")
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
@@ -39,32 +39,35 @@ def switch_theme(page, theme: str, before: str) -> None:
     page.evaluate("(theme) => jupyterapp.commands.execute('apputils:change-theme', { theme })", theme)
     page.wait_for_function("(before) => document.querySelector('.crf canvas').toDataURL() !== before", arg=before)
     page.wait_for_function(
-        """(dark) => document.querySelector(".crf").style.colorScheme === (dark ? "dark" : "light")""",
+        """(dark) => [...document.querySelectorAll(".crf")]
+            .every((node) => node.style.colorScheme === (dark ? "dark" : "light"))""",
         arg=theme.endswith("Dark"),
     )
     page.wait_for_selector("#jupyterlab-splash", state="detached")
     settled(page)
 
 
-def colours(page) -> dict[str, bool]:
+def colours(page, within: str = ".crf") -> dict[str, bool]:
     """Say which of the two blues is on the canvas."""
     return page.evaluate(
-        """() => {
-            const canvas = document.querySelector(".crf canvas");
+        """(within) => {
+            const canvas = document.querySelector(`${within} canvas`);
             const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
             const seen = new Set();
             for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255) {
                 seen.add("#" + [0, 1, 2].map((k) => data[i + k].toString(16).padStart(2, "0")).join("").toUpperCase());
             }
             return Object.fromEntries(["#0072B2", "#56B4E9"].map((name) => [name, seen.has(name)]));
-        }"""
+        }""",
+        within,
     )
 
 
-def overflowing(page) -> list[str]:
+def overflowing(page, within: str = "body") -> list[str]:
     """Name the elements whose content is wider than they are."""
     return page.evaluate(
-        """() => [...document.querySelectorAll(".crf, .crf *, .jp-OutputArea-output")]
+        """(within) => [...document.querySelector(within).querySelectorAll(".crf, .crf *, .jp-OutputArea-output")]
             .filter((node) => node.clientWidth > 0 && node.scrollWidth > node.clientWidth + 1)
-            .map((node) => `${node.tagName} ${node.className}`)"""
+            .map((node) => `${node.tagName} ${node.className}`)""",
+        within,
     )

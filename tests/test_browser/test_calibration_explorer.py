@@ -1,10 +1,10 @@
-"""CalibrationExplorer as a user meets it: mouse, keyboard, theme and a narrow window."""
+"""CalibrationExplorer as a user meets it: mouse and keyboard."""
 
 from collections.abc import Callable
 
 import pytest
 
-from .looks import colours, overflowing, picture, readout, screenshot, settled, switch_theme
+from .looks import picture, readout, screenshot, settled
 
 pytestmark = pytest.mark.browser
 
@@ -193,27 +193,6 @@ def test_python_moves_the_page(page, run_python: Callable) -> None:
     wait_for_pressed(page, ["1", "2", "23"])
     page.wait_for_function("() => document.querySelector('.crf select').selectedOptions[0].text === 'NikonD70'")
     assert page.get_by_label("Model").locator("option:checked").inner_text() == "PPISP-4"
-
-
-def test_colours_follow_the_theme(page) -> None:
-    light = picture(page)
-    screenshot(page, "calibration-light")
-    assert colours(page) == {"#0072B2": True, "#56B4E9": False}
-    switch_theme(page, "JupyterLab Dark", light)
-    screenshot(page, "calibration-dark")
-    assert colours(page) == {"#0072B2": False, "#56B4E9": True}
-    switch_theme(page, "JupyterLab Light", picture(page))
-
-
-def test_fits_a_narrow_window(page) -> None:
-    size = page.viewport_size
-    page.set_viewport_size({"width": 400, "height": 1400})
-    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
-    settled(page)
-    screenshot(page, "calibration-narrow")
-    overflow = overflowing(page)
-    page.set_viewport_size(size)
-    assert overflow == []
 
 
 def test_the_console_stays_silent(page, complaints: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""ChartLabeller as a user meets it: mouse, keyboard, undo, the next photograph, theme and a narrow window."""
+"""ChartLabeller as a user meets it: mouse, keyboard, undo and the next photograph."""
 
 import json
 from collections.abc import Callable
@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from .looks import colours, overflowing, picture, screenshot, settled, switch_theme
+from .looks import picture, settled
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -257,34 +257,3 @@ def test_what_is_saved_is_shown_by_a_fresh_labeller(page, run_python: Callable, 
     fresh.wait_for_selector(".crf[aria-busy=false]", timeout=120_000)
     assert [place(fresh, number) for number in range(1, 5)] == expected
     assert fresh.get_by_role("status").inner_text() == "This photograph is labelled; 1 of 3 labelled."
-
-
-def test_colours_follow_the_theme(page, run_python: Callable) -> None:
-    run_python(page, f"labeller.labels = {{'first': {CORNERS.tolist()}}}")
-    page.get_by_text("1 of 3 labelled").wait_for()
-    corner(page, 1).focus()
-    settled(page)
-    light = picture(page)
-    screenshot(page, "labeller-light")
-    assert colours(page) == {"#0072B2": True, "#56B4E9": False}
-    switch_theme(page, "JupyterLab Dark", light)
-    corner(page, 3).focus()
-    settled(page)
-    screenshot(page, "labeller-dark")
-    assert colours(page) == {"#0072B2": False, "#56B4E9": True}
-    switch_theme(page, "JupyterLab Light", picture(page))
-
-
-def test_fits_a_narrow_window(page, run_python: Callable) -> None:
-    run_python(page, f"labeller.labels = {{'first': {np.clip(CORNERS * 1.3 - 0.1, 0, 1).tolist()}}}")
-    page.get_by_text("1 of 3 labelled").wait_for()
-    size = page.viewport_size
-    page.set_viewport_size({"width": 400, "height": 900})
-    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
-    corner(page, 2).focus()
-    settled(page)
-    screenshot(page, "labeller-narrow")
-    by_design = ("crf-stage", "crf-plot", "crf-corner")  # half of a corner at the edge, and the numbers, are cut
-    overflow = [node for node in overflowing(page) if not any(name in node for name in by_design)]
-    page.set_viewport_size(size)
-    assert overflow == []

@@ -10,7 +10,7 @@ import pytest
 from crfbench.history import latent_statistics, load_history
 from crfbench.widgets import EpochPlayer
 
-from .looks import colours, drag, overflowing, picture, screenshot, settled, switch_theme
+from .looks import drag, picture, screenshot, settled
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -210,33 +210,6 @@ def test_what_cannot_be_trained_is_said_in_one_sentence(page) -> None:
     ask_for_training(page, "LDL", 0, 0)
     assert wait_for_status(page, "epochs=0") == "epochs=0 is out of range; use a whole number from 1 to 5000"
     page.get_by_label("Epochs", exact=True).fill("300")
-
-
-def test_colours_follow_the_theme(page) -> None:
-    slider(page).press("Home")
-    for _ in range(6):
-        slider(page).press("PageUp")
-    settled(page)
-    light = picture(page)
-    screenshot(page, "player-light", ".jp-OutputArea:has(.crf-player)")
-    assert colours(page)["#56B4E9"] is False
-    switch_theme(page, "JupyterLab Dark", light)
-    assert picture(page) != light
-    screenshot(page, "player-dark", ".jp-OutputArea:has(.crf-player)")
-    screenshot(page, "training-dark", f".jp-OutputArea:has({PANEL})")
-    switch_theme(page, "JupyterLab Light", picture(page))
-
-
-def test_fits_a_narrow_window(page) -> None:
-    size = page.viewport_size
-    page.set_viewport_size({"width": 400, "height": 900})
-    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 180")
-    settled(page)
-    screenshot(page, "player-narrow", ".jp-OutputArea:has(.crf-player)")
-    screenshot(page, "training-narrow", f".jp-OutputArea:has({PANEL})")
-    overflow = [node for node in overflowing(page) if "crf-title" not in node]  # titles are cut with an ellipsis
-    page.set_viewport_size(size)
-    assert overflow == []
 
 
 def test_a_saved_notebook_plays_without_python(browser, tmp_path: Path) -> None:

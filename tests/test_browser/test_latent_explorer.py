@@ -17,7 +17,7 @@ from crfbench.models import Gamma, ModelKey
 from crfbench.models.slr import SLR
 from crfbench.widgets import LatentExplorer
 
-from .looks import colours, drag, overflowing, picture, readout, screenshot, settled, switch_theme
+from .looks import colours, drag, overflowing, picture, readout, screenshot, settled
 
 pytestmark = pytest.mark.browser
 
@@ -279,29 +279,6 @@ def test_animation_goes_in_steps_for_who_wants_less_motion(page) -> None:
     finally:
         page.emulate_media(reduced_motion="no-preference")
     assert values == ["0", "0.5"]
-
-
-def test_colours_follow_the_theme(page, run_python: Callable) -> None:
-    show(page, run_python, "SLR-ldl-3", (0.5, -1.0, 1.0))
-    settled(page)
-    light = picture(page)
-    screenshot(page, "latent-light")
-    assert colours(page) == {"#0072B2": True, "#56B4E9": False}
-    switch_theme(page, "JupyterLab Dark", light)
-    screenshot(page, "latent-dark")
-    assert colours(page) == {"#0072B2": False, "#56B4E9": True}
-    switch_theme(page, "JupyterLab Light", picture(page))
-
-
-def test_fits_a_narrow_window(page) -> None:
-    size = page.viewport_size
-    page.set_viewport_size({"width": 400, "height": 900})
-    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
-    settled(page)
-    screenshot(page, "latent-narrow")
-    overflow = overflowing(page)
-    page.set_viewport_size(size)
-    assert overflow == []
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""ModelExplorer as a user meets it: mouse, keyboard, theme and a narrow window."""
+"""ModelExplorer as a user meets it: mouse and keyboard."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from crfbench.curves import GRID
 from crfbench.metrics import rmse
 from crfbench.models import GGCM
 
-from .looks import colours, drag, overflowing, picture, readout, screenshot, settled, switch_theme
+from .looks import drag, picture, readout, screenshot, settled
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -144,27 +144,3 @@ def test_python_moves_the_sliders(page, run_python: Callable) -> None:
     run_python(page, "explorer.params = (2.0, 0.0, 0.0)")
     page.wait_for_function("() => document.querySelector('.crf input').getAttribute('aria-valuetext') === '2.000'")
     assert run_python(page, "print(explorer.curve[512] - (512 / 1023) ** 2)").strip() == "0.0"
-
-
-def test_colours_follow_the_theme(page) -> None:
-    page.get_by_role("button", name="Fit").click()
-    page.get_by_text("Fitted GGCM-3-forward").wait_for()
-    settled(page)
-    light = picture(page)
-    screenshot(page, "light")
-    assert colours(page) == {"#0072B2": True, "#56B4E9": False}
-    switch_theme(page, "JupyterLab Dark", light)
-    screenshot(page, "dark")
-    assert colours(page) == {"#0072B2": False, "#56B4E9": True}
-    switch_theme(page, "JupyterLab Light", picture(page))
-
-
-def test_fits_a_narrow_window(page) -> None:
-    size = page.viewport_size
-    page.set_viewport_size({"width": 400, "height": 900})
-    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
-    settled(page)
-    screenshot(page, "narrow")
-    overflow = overflowing(page)
-    page.set_viewport_size(size)
-    assert overflow == []

@@ -1,10 +1,10 @@
-"""SearchExplorer as a user meets it: mouse, keyboard, theme and a narrow window."""
+"""SearchExplorer as a user meets it: mouse and keyboard."""
 
 from collections.abc import Callable
 
 import pytest
 
-from .looks import overflowing, picture, screenshot, settled, switch_theme
+from .looks import picture, settled
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -135,22 +135,3 @@ def test_pointing_at_a_candidate_names_it(page) -> None:
         page.wait_for_timeout(80)
         seen.add(name(page))
     assert len(seen - {before}) >= 2
-
-
-def test_colours_follow_the_theme(page) -> None:
-    light = picture(page)
-    screenshot(page, "search-light")
-    switch_theme(page, "JupyterLab Dark", light)
-    screenshot(page, "search-dark")
-    switch_theme(page, "JupyterLab Light", picture(page))
-
-
-def test_fits_a_narrow_window(page) -> None:
-    size = page.viewport_size
-    page.set_viewport_size({"width": 400, "height": 900})
-    page.wait_for_function("() => document.querySelector('.crf canvas').clientWidth < 340")
-    settled(page)
-    screenshot(page, "search-narrow")
-    overflow = overflowing(page)
-    page.set_viewport_size(size)
-    assert overflow == []
