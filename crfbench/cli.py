@@ -160,9 +160,7 @@ def calibrate(
     source: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the files.")],
     chart: Annotated[str, typer.Option(help="auto, none (an exposure series), or a file of labels")] = "auto",
     exposures: Annotated[str, typer.Option(help="exif, or exposure times such as 1,2,4,8 by name of file")] = "exif",
-    model: Annotated[
-        str | None, typer.Option(help="Such as SLR-ldl-3 (default with a chart) or PPISP-4 (default without)")
-    ] = None,
+    model: Annotated[str, typer.Option(help="Name of a model, such as SLR-ldl-3 or PPISP-4.")] = "Kernel-8",
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
 ) -> None:
@@ -170,9 +168,7 @@ def calibrate(
     from crfbench import camera
 
     files = source[0] if len(source) == 1 and source[0].is_dir() else source
-    result = camera.calibrate(
-        files, chart, _times(exposures), model and _current_name(model), datetime.date.today().isoformat()
-    )
+    result = camera.calibrate(files, chart, _times(exposures), _current_name(model), datetime.date.today().isoformat())
     for problem in result.problems:
         typer.echo(f"left out: {problem.reason}", err=True)
     for path in camera.write_outputs(result, out, overwrite=force):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from crfbench.calibration.mixture import marginalised
 from crfbench.calibration.observations import Observations
 from crfbench.calibration.paper_loss import AlignedLoss, descend
 from crfbench.calibration.posterior import Likelihood, Noise, Posterior, PosteriorSamples, drawn_samples, exact_samples
@@ -15,6 +16,7 @@ from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
+from crfbench.models.discrepancy import from_knots
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -132,6 +134,7 @@ def calibrate(
     observations: Observations,
     method: str = "map",
     *,
+    discrepancy: bool = True,
     noise: Noise | None = None,
     offset: bool = True,
     starts: int = 10,
@@ -147,10 +150,13 @@ def calibrate(
     observations : Observations
         One set or a batch; all are solved in one call.
     method : {"map", "posterior", "grid", "lm", "paper"}
-        "map": the most probable parameters under `noise` and the model's prior. "posterior": also the posterior
-        mean, bands and samples; exact for one parameter, weighted draws for more. "grid" (one parameter) and "lm":
-        the least loss of the paper, from a table of the whole range or many starts, polished. "paper": the same
-        loss as the paper minimises it, by Adam from random starts.
+        "map": the most probable curve under `noise` and what is known beforehand. "posterior": also bands and
+        samples; the curve is then their middle. "grid" (one parameter) and "lm": the least loss of the paper, from a
+        table of the whole range or many starts, polished. "paper": the same loss as the paper minimises it, by Adam
+        from random starts.
+    discrepancy : bool
+        Whether "map" and "posterior" allow for what the model misses of real curves, as its `discrepancy_` tells; else
+        the curve is one of the model's own.
     noise : Noise, optional
         For "map" and "posterior".
     offset : bool
@@ -171,12 +177,18 @@ def calibrate(
     check_count("starts", starts)
     check_seed(seed)
     began = time.perf_counter()
-    scale = samples = None
+    scale = samples = curves = None
     if method == "paper":
         z = descend(AlignedLoss(observations, offset), model, starts, seed)
     elif method in ("grid", "lm"):
         loss, table = AlignedLoss(observations, offset), table or decode_table(model, seed=seed)
         z = minimise(loss.objective(model), table, loss.on_table(table))
+    elif discrepancy:
+        table = table or decode_table(model, seed=seed)
+        mixture = marginalised(model, observations, noise, table, seed)
+        z, scale = mixture.best, mixture.noise_level
+        samples = mixture.draw(seed) if method == "posterior" else None
+        curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
     else:
         posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
         logs = posterior.log_likelihood_on(table)
@@ -185,10 +197,10 @@ def calibrate(
         if method == "posterior":
             one = model.n_params == 1
             samples = exact_samples(table, logs) if one else drawn_samples(posterior, model, z, seed)
-    params = model.from_unconstrained(z)
-    curves, bands = model.decode(params), {}
+            curves = samples.mean()
+    params, bands = model.from_unconstrained(z), {}
+    curves = model.decode(params) if curves is None else curves
     if samples is not None:
-        curves = samples.mean()
         quantiles = iter(samples.quantiles(tuple(0.5 + side * level / 2 for level in LEVELS for side in (-1, 1))))
         bands = {level: (next(quantiles), next(quantiles)) for level in LEVELS}
     warnings, seconds = _warnings(model, observations, z, scale, samples), time.perf_counter() - began

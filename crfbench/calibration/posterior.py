@@ -58,7 +58,7 @@ class Likelihood:
         self.precision = counts * np.minimum(observations.weights / self.variance, _SHARPEST)
         known = observations.reference is not None
         self.error = np.clip(observations.reference_error, _LEAST, _UNKNOWN) if known else _UNKNOWN
-        self.offset = _offset(observations)
+        self.offset = log_offset(observations)
         # Variance that is left of each patch's reference error u_p once its photographs have been seen.
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
         sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
@@ -140,7 +140,7 @@ class Likelihood:
         return i, (exposures[i, e] - d[i, e, p]) * clip[i, e, p][:, None]
 
 
-def _offset(observations: Observations) -> Array:
+def log_offset(observations: Observations) -> Array:
     """Return the log irradiance that reference and exposure tell, shape (n, e, p).
 
     Unless the reference is absolute it is centred, so that nothing depends on the reference's unit or the zero of the

@@ -16,6 +16,7 @@ from crfbench.curves import N_SAMPLES, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 from crfbench.models.base import Prior
+from crfbench.models.discrepancy import at_knots
 from crfbench.numerics import Objective, levenberg_marquardt
 
 #: The samples at which bands are computed: every eighth and the last, 129 of them.
@@ -24,6 +25,7 @@ BAND_SAMPLES = np.append(np.arange(0, N_SAMPLES, 8), N_SAMPLES - 1)
 ONE_PARAMETER, MORE_PARAMETERS = 512, 1024  # rows
 _REACH = 5.0  # standard deviations of the prior, and the least reach of an unconstrained parameter
 _FEWEST = 16  # rows
+_NEARBY, _N_NEARBY = 0.25, 256  # draws near the best parameters: their spread in that of the prior, and how many
 _CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
 
@@ -40,6 +42,11 @@ class Table:
     def by_sample(self) -> NDArray[np.float32]:
         """The curves, sample by sample: (1024, t), so that a look-up reads neighbouring numbers."""
         return np.ascontiguousarray(self.curves.T)
+
+    @cached_property
+    def at_knots(self) -> Array:
+        """Log irradiance at the knots, shape (t, 64)."""
+        return at_knots(np.clip(self.curves, 0.0, 1.0))
 
     @cached_property
     def order(self) -> np.ndarray:
@@ -98,12 +105,33 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
         reach = max(_REACH * sd, _REACH)
         z = mean + np.linspace(-reach, reach, rows or ONE_PARAMETER)[:, None]
         log_prior = -0.5 * ((z[:, 0] - mean) / sd) ** 2
+    elif prior.centres is not None and prior.weights is not None:
+        z, log_prior = prior.centres, np.log(prior.weights)
     else:
         z = np.concatenate([prior.mean[None], prior.sample((rows or MORE_PARAMETERS) - 1, seed)])
         log_prior = np.zeros(len(z))  # how often a region is drawn is its prior already
     params = model.from_unconstrained(z)
     log_prior -= np.log(np.exp(log_prior - log_prior.max()).sum()) + log_prior.max()
     return Table(z, params, model.decode(params, np.float32), log_prior)
+
+
+def rows_near(model: ResponseModel, table: Table, best: Array, seed: int) -> tuple[Array, NDArray[np.float32], Array]:
+    """Return a table's rows and as many draws near each of the parameters z (n, k), as one sample of the prior.
+
+    Where data say much, few rows of a table of several parameters lie near the truth. Weights follow the balance
+    heuristic (Veach and Guibas 1995, doi:10.1145/218380.218498). Returns unconstrained parameters (n, r, k), the curves
+    of the draws (n, d, 1024) and the log weights of all (n, r).
+    """
+    prior, (n, k), rows = learned_prior(model), best.shape, len(table.unconstrained)
+    root = np.linalg.cholesky(prior.covariance)
+    drawn = best[:, None] + _NEARBY * np.random.default_rng(seed).standard_normal((_N_NEARBY, k)) @ root.T
+    z = np.concatenate([np.broadcast_to(table.unconstrained, (n, rows, k)), drawn], axis=1)
+    at_prior, at_draw = (-0.5 * (np.linalg.solve(root, off.reshape(-1, k).T) ** 2).sum(axis=0).reshape(z.shape[:2])
+                         for off in (z - prior.mean, (z - best[:, None]) / _NEARBY))  # fmt: skip
+    at_draw -= k * np.log(_NEARBY)
+    log_weight = at_prior - np.logaddexp(np.log(rows) + at_prior, np.log(_N_NEARBY) + at_draw)
+    curves = model.decode(model.from_unconstrained(drawn.reshape(-1, k)), np.float32).reshape(n, _N_NEARBY, -1)
+    return z, curves, log_weight
 
 
 N_STARTS = 4  # of models with several parameters

@@ -29,13 +29,11 @@ from crfbench.camera.worker import WORKER
 from crfbench.curves import repair
 from crfbench.datasets.chart import load_labels
 from crfbench.errors import InputError
-from crfbench.models.registry import ModelKey
+from crfbench.models import DEFAULT_MODEL, ModelKey
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-# A chart's few patches leave more to the prior, which an SLR knows best; a series tells more than a network can show.
-_WITH_CHART, _WITHOUT_CHART = "SLR-ldl-3", "PPISP-4"
 _LEVEL = 0.9
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 # RAW files tell exposures to a percent or two, and JPEG patches are means of many pixels.
@@ -59,7 +57,7 @@ def calibrate(
     source: Source,
     chart: str | Path = "auto",
     exposures: Sequence[float] | None = None,
-    model: str | None = None,
+    model: str = DEFAULT_MODEL,
     created: str = "",
 ) -> CameraCalibration:
     """Calibrate a camera from its photographs: of a colour chart, or of any static scene at several exposures.
@@ -76,8 +74,8 @@ def calibrate(
     exposures : sequence of float, optional
         Exposure times of the photographs, by name in alphabetical order, in any unit; default by EXIF. Refused where
         every photograph of a chart has its RAW file, as those tell the exposures better.
-    model : str, optional
-        Name of a bundled model of direction "inverse", by default "SLR-ldl-3" with a chart and "PPISP-4" without.
+    model : str
+        Name of a bundled model of direction "inverse".
     created : str
         ISO date for the passport.
 
@@ -89,10 +87,11 @@ def calibrate(
     given = [source] if isinstance(source, str | Path) else (source := list(source))
     if missing := [path for path in map(Path, given) if not path.exists()]:
         raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
+    key = _inverse_model(model)
     if chart == "none":
-        return _from_series(source, exposures, _inverse_model(model or _WITHOUT_CHART), created)
+        return _from_series(source, exposures, key, created)
     labels = None if chart == "auto" else Path(chart)
-    return _from_chart(source, labels, exposures, _inverse_model(model or _WITH_CHART), created)
+    return _from_chart(source, labels, exposures, key, created)
 
 
 def _inverse_model(name: str) -> ModelKey:

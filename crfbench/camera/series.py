@@ -14,7 +14,7 @@ from crfbench.calibration.observations import SATURATED
 from crfbench.checks import as_numbers, check_count, check_seed
 from crfbench.curves import Array
 from crfbench.errors import InputError
-from crfbench.models import ResponseModel, load_model
+from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
 
 Image = NDArray[Any]
 
@@ -23,8 +23,6 @@ _SIDE = 5  # pixels of a block along each side
 _STRATA = 32  # of equal width in brightness
 _FLATTEST = 0.25  # share of a stratum that is drawn from
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
-# Of its many blocks, neighbours in brightness repeat how a model misses the curve.
-_INDEPENDENT = 24.0
 
 
 def calibrate_series(
@@ -45,8 +43,7 @@ def calibrate_series(
     images, exposures
         As in `sample_series`.
     model : ResponseModel, optional
-        Of direction "inverse", with a prior; by default PPISP-4: a series that fills the range tells more than one
-        number, and of uncommon responses, as of film, a single latent number misses much.
+        Of direction "inverse", with prior and discrepancy; by default `crfbench.models.DEFAULT_MODEL`.
     method : {"posterior", "map"}
         As in `crfbench.calibrate`.
     n, seed, per_channel
@@ -61,10 +58,8 @@ def calibrate_series(
         reach, that the curve ends in (1, 1) is the model's word.
     """
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
-    # However many blocks there are, those of a set count as `_INDEPENDENT` ones.
-    measured = float(observations.counts.sum(axis=(1, 2)).mean())
-    noise = Noise(exposure=exposure_error, independent=min(1.0, _INDEPENDENT / measured))
-    return calibrate(model or load_model("PPISP-4"), observations, method, noise=noise, seed=seed)
+    noise = Noise(exposure=exposure_error)
+    return calibrate(model or load_model(DEFAULT_MODEL), observations, method, noise=noise, seed=seed)
 
 
 def sample_series(

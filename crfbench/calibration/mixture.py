@@ -1,0 +1,395 @@
+"""The posterior with a learned discrepancy: exact for every row of a model's table, every scale and every noise level.
+
+With x = log g at the knots, written in a low-rank basis as x = mu + Psi v, component c of the family (a row of its
+table), scale a of the discrepancy, noise level t of the readings and ratio rho of the other errors to it:
+
+    prior   v | c, a ~ N(v_c, a^2 B B')
+    data    o_ep = x(b_ep) - u_p - s_e + noise,   noise ~ N(0, t^2 (slope^2 sigma_b^2 + fine^2) / weight)
+            u_p ~ N(0, (rho t)^2 error_p^2),      s_e ~ N(0, (rho t)^2 sigma_e^2) or unknown
+
+o is what reference and exposure tell. With P the precision of o after u and s are eliminated, G the basis at the
+readings and y = o - mu(b): A = G'PG, h = G'Py, B'AB = U diag(l) U', and for k = a / t
+
+    -2 log p(o | c, a, t, rho) = 2 nu log t + log|S| + sum_i log(1 + k^2 l_i)
+                                 + (R_c - sum_i k^2 y_ci^2 / (1 + k^2 l_i)) / t^2
+    R_c = y'Py - 2 v_c'h + v_c'A v_c,   y_c = U'B'(h - A v_c)
+    z_i | ...  ~  N(k^2 y_ci / (1 + k^2 l_i), a^2 / (1 + k^2 l_i)),   v = v_c + B U z
+
+One Gram matrix and one eigenbasis for each ratio serve all components, scales and noise levels.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, logsumexp
+
+from crfbench.calibration.observations import Observations
+from crfbench.calibration.posterior import Noise, Posterior, PosteriorSamples, log_offset
+from crfbench.calibration.table import BAND_SAMPLES, Table, learned_prior, minimise, rows_near
+from crfbench.curves import Array
+from crfbench.errors import InputError
+from crfbench.models import ResponseModel
+from crfbench.models.discrepancy import SCALES, Discrepancy, at_knots, between_knots, from_knots
+
+Indices = NDArray[np.intp]
+
+_UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
+_RANK = 24  # of the basis; what is finer is `_FINE`
+_FINE = 0.03  # standard deviation of log irradiance at each reading, of what is too fine for the basis
+_POWER = 0.001  # relative standard deviation of the power that exposures tell
+_MOST_STRETCH = 0.1
+# Of more photographs of one scene each counts for less: light, dirt and glare are the same in all of them.
+_INDEPENDENT = 2.0
+_STEP = 4  # rows
+_TERMS = 256  # of the mixture that are kept for each set
+
+# By what the data may scale the noise of readings, and the other errors over it; both log-normal.
+_LEVELS: Array = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+_RATIOS: Array = np.array([0.5, 1.0, 2.0, 4.0])
+_LEVEL_MEAN, _LEVEL_SD, _SCALE_SD = 0.35, 0.9, 0.4
+
+
+def typical_slope(brightness: Array) -> Array:
+    """Return d log g / d log b of the mean measured response, for the noise of a reading.
+
+    It is the same for every model, so that their evidence can be compared.
+    """
+    return 0.21 + 0.57 * brightness / (brightness + 0.036) + 0.32 / (1.057 - brightness)
+
+
+def _level_weights() -> Array:
+    """Return the log prior over (ratios, levels)."""
+    level, scale = np.log(_LEVELS), np.log(_LEVELS) + np.log(_RATIOS)[:, None]
+    logs = -0.5 * ((level - np.log(_LEVEL_MEAN)) / _LEVEL_SD) ** 2 - 0.5 * (scale / _SCALE_SD) ** 2
+    return np.asarray(logs - logsumexp(logs))
+
+
+class Family(NamedTuple):
+    """Components in a low-rank basis, and the discrepancy about each."""
+
+    mean: Array  # shape (64,); log irradiance at the knots
+    basis: Array  # shape (64, r)
+    components: Array  # shape (1 or n, c, r)
+    log_weight: Array  # shape (1 or n, c)
+    factor: Array  # shape (r, r); B
+    scale_weight: Array  # shape (a,)
+
+    @classmethod
+    def of(cls, logs: Array, log_weight: Array, discrepancy: Discrepancy) -> "Family":
+        """Find the basis that holds components (c, 64), of log weights (c,), and a discrepancy best."""
+        kernel, weight = discrepancy.kernel(), np.exp(log_weight - logsumexp(log_weight))
+        mean = weight @ logs
+        spread = (logs - mean).T @ (weight[:, None] * (logs - mean)) + kernel
+        basis = np.linalg.eigh(spread)[1][:, ::-1][:, :_RANK]
+        values, vectors = np.linalg.eigh(basis.T @ kernel @ basis)
+        factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        return cls(mean, basis, ((logs - mean) @ basis)[None], log_weight[None], factor, discrepancy.scale_weight)
+
+    def with_components(self, logs: Array, log_weight: Array) -> "Family":
+        """Return the family with components (n, c, 64) and log weights (n, c) for each set of observations."""
+        return self._replace(components=(logs - self.mean) @ self.basis, log_weight=log_weight)
+
+
+class _Eliminated(NamedTuple):
+    """What the data say in the basis for one ratio, and how the unknowns follow from it."""
+
+    a: Array  # shape (n, r, r)
+    h: Array  # shape (n, r)
+    square: Array  # shape (n,)
+    log_det: Array  # shape (n,)
+    exposures: Array  # shape (n, e, r + 1)
+    references: Array  # shape (n, p, r + 1)
+    share: Array  # shape (n, p); variance that is left of each reference's error
+
+
+class Readings:
+    """Observations in a basis, with references and exposures eliminated."""
+
+    def __init__(self, observations: Observations, noise: Noise, family: Family) -> None:
+        b = observations.brightness
+        self.observations, self.noise = observations, noise
+        self.weights = observations.weights * min(1.0, _INDEPENDENT / b.shape[1])
+        self.columns = between_knots(np.concatenate([family.basis, family.mean[:, None]], axis=1), b)
+        stretched = log_offset(observations) * self._stretch()[:, None, None]
+        self.columns[..., -1] = stretched - self.columns[..., -1]
+        steep = typical_slope(b)
+        read = (steep * noise.brightness / np.maximum(b, 1 / 255)) ** 2
+        self.variance = read + _FINE**2
+        self.precision = observations.counts * self.weights / self.variance
+        counted = observations.counts * self.weights
+        self.freedom = self._degrees()
+        # The density of a brightness is that of log irradiance times the slope, where the noise is the brightness's.
+        share = self.freedom / counted.sum(axis=(1, 2))
+        steepness = (counted * np.log(steep) * read / self.variance).sum(axis=(1, 2)) * share
+        self.constant = steepness - 0.5 * (counted * np.log(self.variance)).sum(axis=(1, 2))
+
+    def _stretch(self) -> Array:
+        """Return by how much references and exposures are stretched in log, (n,), against errors in variables.
+
+        A power 1 - d of curve, references and exposures together would shrink the noise of the readings with them, so
+        that a normal distribution of log irradiance prefers d > 0. In brightness, where the noise belongs, each free
+        reading takes the factor 1 - d back, which moves d by their number times its variance.
+        """
+        o, counts = self.observations, self.observations.counts
+        seen, known = counts.any(axis=1), np.zeros(len(counts))
+        if o.reference is not None:
+            weight, logs = seen / o.reference_error**2, np.log(o.reference)
+            mean = (weight * logs).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+            known += (weight * (logs - mean) ** 2).sum(axis=1)
+        if o.exposures is not None:
+            known += _POWER**-2
+        scales = counts.any(axis=2).sum(axis=1) if o.exposures is None else 0
+        share = (counts * self.weights).sum(axis=(1, 2)) / counts.sum(axis=(1, 2))
+        free = np.maximum(counts.sum(axis=(1, 2)) - seen.sum(axis=1) - scales, 0) * share
+        return np.asarray(1.0 + np.minimum(free / np.maximum(known, 1.0), _MOST_STRETCH))
+
+    def _degrees(self) -> Array:
+        """Count the readings beyond those that the eliminated unknowns take up, each by its weight; at least 1."""
+        o, counts = self.observations, self.observations.counts
+        n = counts.sum(axis=(1, 2))
+        scales = counts.any(axis=2).sum(axis=1) if o.exposures is None else 1 - o.absolute
+        patches = counts.any(axis=1).sum(axis=1) - 1 if o.reference is None else 0
+        return np.maximum((n - scales - patches) * (counts * self.weights).sum(axis=(1, 2)) / n, 1.0)
+
+    def errors(self, ratio: float) -> Array:
+        """Return the variance of each reference, (n, p)."""
+        known = self.observations.reference is not None
+        return (
+            (ratio * self.observations.reference_error) ** 2
+            if known
+            else np.full(self.precision[:, 0].shape, _UNKNOWN**2)
+        )
+
+    def exposure_prior(self, ratio: float) -> Array:
+        """Return the precision of the exposures before any data, (n or 1, e, e).
+
+        Errors of exposures that grow with the exposure are a power of the curve, which the noise of the readings would
+        shrink without end (errors in variables): so the power is known to `_POWER` by itself.
+        """
+        o, e = self.observations, self.precision.shape[1]
+        sigma = _UNKNOWN if o.exposures is None else ratio * self.noise.exposure * np.log(2)
+        prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
+        if o.absolute:
+            prior = prior + np.full((e, e), 1.0 / e) / sigma**2
+        if o.exposures is None or e == 1:
+            return prior[None]
+        trend = o.exposures - o.exposures.mean(axis=1, keepdims=True)
+        along = trend / np.maximum(np.sqrt((trend**2).sum(axis=1, keepdims=True)), 1e-6)
+        power = np.maximum((trend**2).sum(axis=1) * np.log(2) ** 2, 1e-12) * _POWER**2
+        return np.asarray(prior + along[:, :, None] * along[:, None] / power[:, None, None])
+
+    def eliminate(self, ratio: float) -> _Eliminated:
+        """Eliminate references, then exposures; see `crfbench.calibration.posterior.Likelihood`."""
+        w, d = self.precision, self.columns
+        n, e, p, k = d.shape
+        errors, prior = self.errors(ratio), self.exposure_prior(ratio)
+        share = 1.0 / (w.sum(axis=1) + 1.0 / errors)
+        by_patch = np.einsum("nep,nepk->npk", w, d)
+        crossed = w * share[:, None]
+        own = np.eye(e) * w.sum(axis=2)[:, None] - crossed @ np.swapaxes(w, 1, 2) + prior
+        h = np.einsum("nep,nepk->nek", w, d) - crossed @ by_patch
+        exposures = np.linalg.solve(own, h)
+        flat = (np.sqrt(w)[..., None] * d).reshape(n, e * p, k)
+        scaled = np.sqrt(share)[..., None] * by_patch
+        gram = np.swapaxes(flat, 1, 2) @ flat - np.swapaxes(scaled, 1, 2) @ scaled - np.swapaxes(h, 1, 2) @ exposures
+        log_det = np.log(errors / share).sum(axis=1) + np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
+        references = share[..., None] * (by_patch - np.swapaxes(w, 1, 2) @ exposures)
+        square = np.maximum(gram[:, -1, -1], 0.0)
+        return _Eliminated(gram[:, :-1, :-1], gram[:, :-1, -1], square, log_det, exposures, references, share)
+
+    def told(self) -> list[tuple[int, Indices, Any, float]]:
+        """Return the clipped patches that say most: of each photograph the dimmest white and the brightest black one.
+
+        As photograph, patch (n,), in which sets there is one (n,), and 1 for white, -1 for black.
+        """
+        o, counts = self.observations, self.observations.counts
+        told = o.clipped & (o.weights > 0)
+        # A photograph of unknown exposure that is all clipped says nothing, nor does a patch of unknown irradiance.
+        if o.exposures is None:
+            told = told & counts.any(axis=2, keepdims=True)
+        light = o.reference
+        if light is None:
+            told = told & counts.any(axis=1, keepdims=True)
+            light = np.where(counts, o.brightness, 0).sum(axis=1) / np.maximum(counts.sum(axis=1), 1)
+        found = []
+        for e in range(o.brightness.shape[1]):
+            for sign, side in ((1.0, o.brightness[:, e] > 0.5), (-1.0, o.brightness[:, e] <= 0.5)):
+                use = told[:, e] & side
+                if use.any():
+                    found.append((e, np.where(use, sign * light, np.inf).argmin(axis=1), use.any(axis=1), sign))
+        return found
+
+
+class _Solved(NamedTuple):
+    """The posterior in the eigenbasis of one ratio."""
+
+    values: Array  # shape (n, r); l
+    root: Array  # shape (n, r, r); B U
+    y: Array  # shape (n, r, c)
+    square: Array  # shape (n, c); R
+
+
+def _diagonalised(found: _Eliminated, family: Family) -> _Solved:
+    values, vectors = np.linalg.eigh(family.factor.T @ found.a @ family.factor)
+    root = family.factor @ vectors
+    v = np.swapaxes(family.components, 1, 2)
+    left = found.h[..., None] - found.a @ v
+    square = found.square[:, None] - (v * (found.h[..., None] + left)).sum(axis=1)
+    return _Solved(np.maximum(values, 0.0), root, np.swapaxes(root, 1, 2) @ left, np.maximum(square, 0.0))
+
+
+def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) -> Array:
+    """Return the log likelihood of every term, (n, levels, scales, components)."""
+    logs, squared = [], solved.y**2
+    for level in _LEVELS:
+        k2 = ((SCALES / level) ** 2)[:, None]
+        spread = 1.0 + k2 * solved.values[:, None]
+        gained = (k2 / spread) @ squared
+        each = -0.5 / level**2 * (solved.square[:, None] - gained) - 0.5 * np.log(spread).sum(axis=2)[..., None]
+        logs.append(each - (readings.freedom * np.log(level))[:, None, None])
+    return np.asarray(np.stack(logs, axis=1) + (readings.constant - 0.5 * found.log_det)[:, None, None, None])
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """The posterior of log irradiance at the knots: equally likely terms, each a normal distribution."""
+
+    family: Family
+    unconstrained: Array  # shape (1 or n, c, k); parameters of the components
+    best: Array  # shape (n, k); those of the component that is most probable
+    which: tuple[Indices, ...]  # ratio, level, scale and component of each term, (n, t) each
+    z: Array  # shape (n, t, r); mean of the discrepancy in the coordinates of `root`
+    deviation: Array  # shape (n, t, r); its standard deviation
+    root: Array  # shape (n, ratios, r, r); B U
+    weight: Array  # shape (n, t); by clipped patches
+    log_evidence: Array  # shape (n,)
+
+    @property
+    def noise_level(self) -> Array:
+        """Mean scale of the stated noise, (n,)."""
+        return np.asarray(np.exp((self.weight * np.log(_LEVELS[self.which[1]])).sum(axis=1)))
+
+    def middle(self) -> Array:
+        """Return the median of log irradiance at the knots, (n, 64), of the most probable curves of some terms."""
+        return np.minimum(np.median(np.sort(self._even(_TERMS // 4).centres(), axis=2), axis=1), 0.0)
+
+    def centres(self) -> Array:
+        """Return each term's mean of log irradiance at the knots, (n, t, 64)."""
+        return self._at(self.z) + self.family.mean + self.of_terms(self.family.components) @ self.family.basis.T
+
+    def draw(self, seed: int) -> PosteriorSamples:
+        """Draw rising curves, all equally likely.
+
+        Rising by rearrangement, which brings every curve, mean and band nearer to any rising truth (Chernozhukov,
+        Fernandez-Val and Galichon 2009, doi:10.1093/biomet/asp030).
+        """
+        chosen = self._even(_TERMS // 2)
+        normal = np.random.default_rng(seed).standard_normal(chosen.z.shape[1:])
+        centre, off = chosen.centres(), chosen._at(chosen.deviation * normal)
+        # Each draw with its mirror image: the mean of the draws is then that of the terms.
+        logs = np.minimum(np.sort(np.concatenate([centre + off, centre - off], axis=1), axis=2), 0.0)
+        curves = from_knots(logs.astype(np.float32))
+        order = np.argsort(np.swapaxes(curves[:, :, BAND_SAMPLES], 1, 2), axis=2)
+        z = np.concatenate([chosen.of_terms(self.unconstrained)] * 2, axis=1)
+        return PosteriorSamples(z, curves, order, np.full(z.shape[:2], 1.0 / z.shape[1]), self.log_evidence)
+
+    def of_terms(self, components: Array) -> Array:
+        """Return what belongs to the component of each term, (1 or n, c, k) to (n, t, k)."""
+        sets = np.arange(len(self.z))[:, None] if len(components) > 1 else 0
+        return np.asarray(components[sets, self.which[3]])
+
+    def _at(self, z: Array) -> Array:
+        """Return what discrepancies of each term are at the knots."""
+        out = np.zeros((*z.shape[:2], len(self.family.mean)))
+        for j in range(self.root.shape[1]):
+            across = np.swapaxes(self.family.basis @ self.root[:, j], 1, 2)
+            out += ((self.which[0] == j)[..., None] * z) @ across
+        return out
+
+    def _even(self, count: int) -> "Mixture":
+        """Return so many terms in proportion to their weight, all alike then; only for drawing."""
+        at, rows = (np.arange(count) + 0.5) / count, np.arange(len(self.z))[:, None]
+        pick = np.stack([np.searchsorted(row, at * row[-1]) for row in np.cumsum(self.weight, axis=1)])
+        which = tuple(index[rows, pick] for index in self.which)
+        return replace(self, which=which, z=self.z[rows, pick], deviation=self.deviation[rows, pick])
+
+
+def marginalised(model: ResponseModel, observations: Observations, noise: Noise, table: Table, seed: int) -> Mixture:
+    """Return the posterior of every set of observations, for a model with prior and discrepancy.
+
+    For several parameters with rows near the most probable ones, which the table's few rows miss where data say much.
+    """
+    if model.discrepancy_ is None:
+        raise InputError(f"{model!r} has no discrepancy; use learn_discrepancy(model, curves) or discrepancy=False")
+    # Between the rows of one parameter the discrepancy reaches, so that a quarter of them will do.
+    step = slice(None, None, _STEP if model.n_params == 1 else None)
+    logs, log_weight = table.at_knots[step], table.log_prior[step]
+    family = Family.of(logs, log_weight - logsumexp(log_weight), model.discrepancy_)
+    if model.n_params == 1 or learned_prior(model).centres is not None:
+        return solve(observations, noise, family, table.unconstrained[None, step])
+    posterior = Posterior(observations, noise)
+    best = minimise(posterior.objective(model), table, -(posterior.log_likelihood_on(table) + table.log_prior))
+    z, near, log_weight = rows_near(model, table, best, seed)
+    every = np.concatenate([np.broadcast_to(logs, (len(best), *logs.shape)), at_knots(np.clip(near, 0.0, 1.0))], axis=1)
+    return solve(observations, noise, family.with_components(every, log_weight), z)
+
+
+def solve(observations: Observations, noise: Noise, family: Family, unconstrained: Array) -> Mixture:
+    """Return the posterior of every set of observations; components have those parameters (1 or n, c, k)."""
+    readings = Readings(observations, noise, family)
+    found = [readings.eliminate(ratio) for ratio in _RATIOS]
+    solved = [_diagonalised(each, family) for each in found]
+    logs = np.stack([_log_probability(f, s, readings) for f, s in zip(found, solved, strict=True)], axis=1)
+    logs += _level_weights()[None, :, :, None, None]
+    logs += np.log(family.scale_weight)[:, None] + family.log_weight[:, None, None, None]
+    mixture = _terms(logs, solved, family, unconstrained)
+    for patch in readings.told():
+        mixture = _with_clipped(mixture, readings, found, patch)
+    total = mixture.weight.sum(axis=1)
+    evidence = mixture.log_evidence + np.log(total)
+    return replace(mixture, weight=mixture.weight / total[:, None], log_evidence=evidence)
+
+
+def _terms(logs: Array, solved: list[_Solved], family: Family, unconstrained: Array) -> Mixture:
+    """Take terms in proportion to their probability (systematic resampling), with their moments."""
+    flat, rows = logs.reshape(len(logs), -1), np.arange(len(logs))[:, None]
+    most = flat.max(axis=1)
+    share = np.exp(flat - most[:, None])
+    total = np.cumsum(share, axis=1)
+    likeliest = share.reshape(len(logs), -1, logs.shape[-1]).sum(axis=1).argmax(axis=1)
+    best = unconstrained[np.arange(len(logs)) if len(unconstrained) > 1 else 0, likeliest]
+    at = (np.arange(_TERMS) + 0.5) / _TERMS
+    chosen = np.stack([np.searchsorted(row, at * row[-1]) for row in total])
+    j, t, a, c = np.unravel_index(chosen, logs.shape[1:])
+    k = (SCALES[a] / _LEVELS[t])[..., None]
+    values, y, root = (np.stack([getattr(s, name) for s in solved], axis=1) for name in ("values", "y", "root"))
+    spread = 1.0 + k**2 * values[rows, j]
+    z, deviation = k**2 * y[rows, j, :, c] / spread, SCALES[a][..., None] / np.sqrt(spread)
+    even = np.full(chosen.shape, 1.0 / _TERMS)
+    return Mixture(family, unconstrained, best, (j, t, a, c), z, deviation, root, even, most + np.log(total[:, -1]))
+
+
+def _with_clipped(
+    mixture: Mixture, readings: Readings, found: list[_Eliminated], patch: tuple[int, Indices, NDArray[np.bool_], float]
+) -> Mixture:
+    """Weigh every term by the probability that a clipped patch is clipped, and move its mean to where it is."""
+    e, p, told, sign = patch
+    rows, (j, t) = np.arange(len(p)), mixture.which[:2]
+    own = readings.columns[rows, e, p]
+    line = np.stack([own - f.exposures[:, e] - f.references[rows, p] for f in found], axis=1)
+    noise = np.stack([readings.variance[rows, e, p] + f.share[rows, p] for f in found], axis=1)
+    across = (line[:, :, None, :-1] @ mixture.root)[:, :, 0]
+    rows = rows[:, None]
+    here = across[rows, j]
+    spanned = mixture.deviation**2 * here
+    total = np.sqrt(_LEVELS[t] ** 2 * noise[rows, j] + (spanned * here).sum(axis=2))
+    centre = np.einsum("ntr,ntr->nt", line[rows, j, :-1], mixture.of_terms(mixture.family.components))
+    margin = sign * (line[rows, j, -1] - centre - (here * mixture.z).sum(axis=2)) / total
+    log_p = log_ndtr(margin)
+    # phi / Phi, the slope of log Phi, in logarithms because both vanish far out.
+    mills = np.exp(np.clip(-0.5 * margin**2 - 0.5 * np.log(2 * np.pi) - log_p, -50, 50))
+    z = mixture.z - (told[:, None] * sign * mills / total)[..., None] * spanned
+    weight = np.where(told[:, None], mixture.weight * np.exp(log_p), mixture.weight)
+    return replace(mixture, z=z, weight=np.maximum(weight, 1e-300))
