@@ -134,7 +134,8 @@ def rows_near(model: ResponseModel, table: Table, best: Array, seed: int) -> tup
     return z, curves, log_weight
 
 
-N_STARTS = 4  # of models with several parameters
+N_STARTS = 4  # of models with several parameters: so many lowest rows, and so many others
+_APART = 0.7  # standard deviations of the table between rows of different folds
 _NEAR = 0.01  # a valley of the table this share above the lowest may lie below it once polished
 
 
@@ -153,7 +154,7 @@ def minimise(objective: Objective, table: Table, values: Array) -> Array:
     `objective` takes z (m, k) and the sets of observations (m,) that they belong to, see `crfbench.numerics.Objective`;
     `values` (n, t) are the loss of every row for each set. They may differ from the objective by any rising function.
     """
-    sets, rows = _valleys(values) if table.unconstrained.shape[1] == 1 else _best(values)
+    sets, rows = _valleys(values) if table.unconstrained.shape[1] == 1 else _best(values, table.unconstrained)
     z, cost = levenberg_marquardt(
         lambda z, starts: objective(z, sets[starts]), table.unconstrained[rows], max_steps=30, tolerance=1e-12
     )
@@ -170,7 +171,19 @@ def _valleys(values: Array) -> tuple[np.ndarray, np.ndarray]:
     return sets, rows
 
 
-def _best(values: Array) -> tuple[np.ndarray, np.ndarray]:
-    """Return sets and rows of the `N_STARTS` lowest values of each set."""
-    rows = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
-    return np.repeat(np.arange(len(values)), N_STARTS), rows.ravel()
+def _best(values: Array, unconstrained: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Return sets and rows of the lowest values of each set, and of the lowest far from those: other folds of the family.
+
+    A family of several parameters folds: two far regions may make much the same curve, and the lower one need not hold
+    the lowest row.
+    """
+    lowest = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
+    scaled = unconstrained / unconstrained.std(axis=0)
+    near = ((scaled[:, None] - scaled) ** 2).sum(axis=2) < _APART**2
+    left = np.where(near[lowest].any(axis=1), np.inf, values)
+    chosen = [lowest]
+    for _ in range(N_STARTS):
+        chosen.append(left.argmin(axis=1)[:, None])
+        left = np.where(near[chosen[-1][:, 0]], np.inf, left)
+    rows = np.concatenate(chosen, axis=1)
+    return np.repeat(np.arange(len(values)), rows.shape[1]), rows.ravel()
