@@ -26,13 +26,13 @@ def main() -> None:
         for kind, counts in MODELS.items():
             for k in counts:
                 model = kind.from_curves(curves, k, direction)
-                prior = _prior(model, curves)
+                prior = learn_prior(model, curves)
                 key = ModelKey(kind.name, "", k, direction)
-                for name, value in vars(prior).items():
-                    if value is not None:
-                        learned[f"{key}.{name}"] = value
-                if isinstance(model, Kernel):
+                if isinstance(model, Kernel) and prior.centres is not None and prior.weights is not None:
+                    learned[f"{key}.centres"], learned[f"{key}.weights"] = prior.centres, prior.weights
                     learned[f"{key}.basis"] = np.vstack([model.mean_, model.components_])
+                else:
+                    learned[f"{key}.mean"], learned[f"{key}.covariance"] = prior.mean, prior.covariance
         basis = EMoR.from_curves(curves, max(MODELS[EMoR]), direction)
         learned[f"basis-{direction}"] = np.vstack([basis.mean_, basis.components_]).astype(np.float32)
     content = io.BytesIO()
@@ -41,7 +41,7 @@ def main() -> None:
     print(f"{TARGET.name}: {len(learned)} arrays, {len(content.getvalue())} bytes")
 
 
-def _prior(model: ClosedForm, curves: Array) -> Prior:
+def learn_prior(model: ClosedForm, curves: Array) -> Prior:
     if not isinstance(model, Kernel):
         return cast(Prior, model.learn_prior(curves).prior_)
     # Every curve that may be used is a centre; a group of near copies weighs like its square root.

@@ -26,6 +26,7 @@ from crfbench.datasets.chart import chart_boxes, save_labels
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
+from crfbench.models import DEFAULT_MODEL
 from tests.support.command import run_command
 from tests.support.photographs import write_pair
 from tests.support.scenes import render_chart
@@ -151,7 +152,7 @@ def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth
     assert passport.data_sha256 == digest_of(
         path.with_suffix(end) for path in jpegs(result) for end in (".dng", ".jpg")
     )
-    assert passport.model == "SLR-ldl-3"
+    assert passport.model == DEFAULT_MODEL
     for name in ("response.csv", "response.npy", "response.cube"):
         assert rmse(camera.read_response(tmp_path / name).in_direction("forward")[0], truth) < 0.02
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}

@@ -16,7 +16,6 @@ from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
-from crfbench.models.discrepancy import from_knots
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -126,7 +125,8 @@ class Calibration:
 METHODS = ("paper", "grid", "lm", "map", "posterior")
 
 _FEW = 4  # patches; with fewer, the prior says much
-_WIDE = 1.25  # times the stated noise; beyond, something else than noise is at work
+# Times the stated noise; beyond, something else than noise is at work. With the discrepancy whole steps of it are told.
+_WIDE, _WIDE_WITH_DISCREPANCY = 1.25, 2.0
 
 
 def calibrate(
@@ -177,6 +177,7 @@ def calibrate(
     check_count("starts", starts)
     check_seed(seed)
     began = time.perf_counter()
+    limit = _WIDE_WITH_DISCREPANCY if discrepancy else _WIDE
     scale = samples = curves = None
     if method == "paper":
         z = descend(AlignedLoss(observations, offset), model, starts, seed)
@@ -185,10 +186,7 @@ def calibrate(
         z = minimise(loss.objective(model), table, loss.on_table(table))
     elif discrepancy:
         table = table or decode_table(model, seed=seed)
-        mixture = marginalised(model, observations, noise, table, seed)
-        z, scale = mixture.best, mixture.noise_level
-        samples = mixture.draw(seed) if method == "posterior" else None
-        curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
+        z, curves, scale, samples = marginalised(model, observations, noise, table, seed, method == "posterior")
     else:
         posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
         logs = posterior.log_likelihood_on(table)
@@ -203,7 +201,7 @@ def calibrate(
     if samples is not None:
         quantiles = iter(samples.quantiles(tuple(0.5 + side * level / 2 for level in LEVELS for side in (-1, 1))))
         bands = {level: (next(quantiles), next(quantiles)) for level in LEVELS}
-    warnings, seconds = _warnings(model, observations, z, scale, samples), time.perf_counter() - began
+    warnings, seconds = _warnings(model, observations, z, scale, samples, limit), time.perf_counter() - began
     return Calibration(model, method, observations, noise, params, curves, warnings, seconds, scale, samples, bands)
 
 
@@ -225,7 +223,12 @@ def _check(model: ResponseModel, observations: Observations, method: str, noise:
 
 
 def _warnings(
-    model: ResponseModel, observations: Observations, z: Array, scale: Array | None, samples: PosteriorSamples | None
+    model: ResponseModel,
+    observations: Observations,
+    z: Array,
+    scale: Array | None,
+    samples: PosteriorSamples | None,
+    limit: float,
 ) -> tuple[tuple[str, ...], ...]:
     wide = np.zeros(len(z)) if scale is None else scale
     used = observations.weights > 0
@@ -240,7 +243,7 @@ def _warnings(
                 (patches[i] < _FEW, f"only {patches[i]} patches: the prior says much of this curve"),
                 (falling[i], "brightness falls where the reference rises; check the order of the patches"),
                 (
-                    wide[i] > _WIDE,
+                    wide[i] > limit,
                     f"the observations scatter {wide[i]:.1f} times as widely as their noise lets expect; check that "
                     "the scene stood still and that exposures and reference are right",
                 ),

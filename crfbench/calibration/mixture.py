@@ -27,7 +27,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from crfbench.calibration.observations import Observations
 from crfbench.calibration.posterior import Noise, Posterior, PosteriorSamples, log_offset
-from crfbench.calibration.table import BAND_SAMPLES, Table, learned_prior, minimise, rows_near
+from crfbench.calibration.table import BAND_SAMPLES, N_NEARBY, Table, chunks, learned_prior, minimise, rows_near
 from crfbench.curves import Array
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
@@ -110,7 +110,8 @@ class Readings:
     def __init__(self, observations: Observations, noise: Noise, family: Family) -> None:
         b = observations.brightness
         self.observations, self.noise = observations, noise
-        self.weights = observations.weights * min(1.0, _INDEPENDENT / b.shape[1])
+        self.independent = min(1.0, _INDEPENDENT / b.shape[1])
+        self.weights = observations.weights * self.independent
         self.columns = between_knots(np.concatenate([family.basis, family.mean[:, None]], axis=1), b)
         stretched = log_offset(observations) * self._stretch()[:, None, None]
         self.columns[..., -1] = stretched - self.columns[..., -1]
@@ -148,10 +149,10 @@ class Readings:
     def _degrees(self) -> Array:
         """Count the readings beyond those that the eliminated unknowns take up, each by its weight; at least 1."""
         o, counts = self.observations, self.observations.counts
-        n = counts.sum(axis=(1, 2))
+        n = (counts * o.weights).sum(axis=(1, 2))
         scales = counts.any(axis=2).sum(axis=1) if o.exposures is None else 1 - o.absolute
         patches = counts.any(axis=1).sum(axis=1) - 1 if o.reference is None else 0
-        return np.maximum((n - scales - patches) * (counts * self.weights).sum(axis=(1, 2)) / n, 1.0)
+        return np.maximum((n - scales - patches) * self.independent, 1.0)
 
     def errors(self, ratio: float) -> Array:
         """Return the variance of each reference, (n, p)."""
@@ -268,8 +269,9 @@ class Mixture:
 
     @property
     def noise_level(self) -> Array:
-        """Mean scale of the stated noise, (n,)."""
-        return np.asarray(np.exp((self.weight * np.log(_LEVELS[self.which[1]])).sum(axis=1)))
+        """By which factor the data scale the stated noise, of readings or of the rest, whichever is more, (n,)."""
+        scale = _LEVELS[self.which[1]] * np.maximum(_RATIOS[self.which[0]], 1.0)
+        return np.asarray(np.exp((self.weight * np.log(scale)).sum(axis=1)))
 
     def middle(self) -> Array:
         """Return the median of log irradiance at the knots, (n, 64), of the most probable curves of some terms."""
@@ -316,10 +318,13 @@ class Mixture:
         return replace(self, which=which, z=self.z[rows, pick], deviation=self.deviation[rows, pick])
 
 
-def marginalised(model: ResponseModel, observations: Observations, noise: Noise, table: Table, seed: int) -> Mixture:
-    """Return the posterior of every set of observations, for a model with prior and discrepancy.
+def marginalised(
+    model: ResponseModel, observations: Observations, noise: Noise, table: Table, seed: int, with_samples: bool
+) -> tuple[Array, Array, Array, PosteriorSamples | None]:
+    """Return what a model with prior and discrepancy makes of `n` sets of observations.
 
-    For several parameters with rows near the most probable ones, which the table's few rows miss where data say much.
+    The unconstrained parameters of the most probable component (n, k), the curves (n, 1024), by which factor the data
+    scale the noise of readings (n,), and samples, if asked for.
     """
     if model.discrepancy_ is None:
         raise InputError(f"{model!r} has no discrepancy; use learn_discrepancy(model, curves) or discrepancy=False")
@@ -327,13 +332,31 @@ def marginalised(model: ResponseModel, observations: Observations, noise: Noise,
     step = slice(None, None, _STEP if model.n_params == 1 else None)
     logs, log_weight = table.at_knots[step], table.log_prior[step]
     family = Family.of(logs, log_weight - logsumexp(log_weight), model.discrepancy_)
-    if model.n_params == 1 or learned_prior(model).centres is not None:
-        return solve(observations, noise, family, table.unconstrained[None, step])
+    near = model.n_params > 1 and learned_prior(model).centres is None
+    rows = len(logs) + (N_NEARBY if near else 0)
+    found = []
+    for sets in chunks(len(observations), len(_RATIOS) * len(_LEVELS) * len(SCALES) * rows):
+        some, z, own = observations.of_sets(sets), table.unconstrained[None, step], family
+        if near:
+            z, own = _with_near_rows(model, some, noise, table, family, seed)
+        mixture = solve(some, noise, own, z)
+        samples = mixture.draw(seed) if with_samples else None
+        curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
+        found.append((mixture.best, curves, mixture.noise_level, samples))
+    best, curves, scale, parts = zip(*found, strict=True)
+    joined = PosteriorSamples.concatenated(parts) if with_samples else None
+    return np.concatenate(best), np.concatenate(curves), np.concatenate(scale), joined
+
+
+def _with_near_rows(
+    model: ResponseModel, observations: Observations, noise: Noise, table: Table, family: Family, seed: int
+) -> tuple[Array, Family]:
+    """Add rows near the most probable parameters, which the table's few rows miss where data say much."""
     posterior = Posterior(observations, noise)
     best = minimise(posterior.objective(model), table, -(posterior.log_likelihood_on(table) + table.log_prior))
     z, near, log_weight = rows_near(model, table, best, seed)
-    every = np.concatenate([np.broadcast_to(logs, (len(best), *logs.shape)), at_knots(np.clip(near, 0.0, 1.0))], axis=1)
-    return solve(observations, noise, family.with_components(every, log_weight), z)
+    logs = np.broadcast_to(table.at_knots, (len(best), *table.at_knots.shape))
+    return z, family.with_components(np.concatenate([logs, at_knots(np.clip(near, 0.0, 1.0))], axis=1), log_weight)
 
 
 def solve(observations: Observations, noise: Noise, family: Family, unconstrained: Array) -> Mixture:

@@ -107,6 +107,18 @@ class Observations:
         error = np.hypot(REFERENCE_ERROR, colour_error(channels))
         return cls(channels.mean(axis=-1), reference, **{"reference_error": error, **others})
 
+    def of_sets(self, sets: slice) -> Self:
+        """Keep some of the `n` sets."""
+        return type(self)(
+            self.brightness[sets],
+            None if self.reference is None else self.reference[sets],
+            None if self.exposures is None else self.exposures[sets],
+            self.clipped[sets],
+            self.weights[sets],
+            self.reference_error[sets],
+            self.absolute,
+        )
+
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
         """Keep some patches, by index from 0."""
         chosen, p = np.asarray(patches), self.brightness.shape[-1]

@@ -25,7 +25,7 @@ BAND_SAMPLES = np.append(np.arange(0, N_SAMPLES, 8), N_SAMPLES - 1)
 ONE_PARAMETER, MORE_PARAMETERS = 512, 1024  # rows
 _REACH = 5.0  # standard deviations of the prior, and the least reach of an unconstrained parameter
 _FEWEST = 16  # rows
-_NEARBY, _N_NEARBY = 0.25, 256  # draws near the best parameters: their spread in that of the prior, and how many
+N_NEARBY, _NEARBY = 256, 0.25  # draws near the best parameters, and their spread in that of the prior
 _CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
 
@@ -124,13 +124,13 @@ def rows_near(model: ResponseModel, table: Table, best: Array, seed: int) -> tup
     """
     prior, (n, k), rows = learned_prior(model), best.shape, len(table.unconstrained)
     root = np.linalg.cholesky(prior.covariance)
-    drawn = best[:, None] + _NEARBY * np.random.default_rng(seed).standard_normal((_N_NEARBY, k)) @ root.T
+    drawn = best[:, None] + _NEARBY * np.random.default_rng(seed).standard_normal((N_NEARBY, k)) @ root.T
     z = np.concatenate([np.broadcast_to(table.unconstrained, (n, rows, k)), drawn], axis=1)
     at_prior, at_draw = (-0.5 * (np.linalg.solve(root, off.reshape(-1, k).T) ** 2).sum(axis=0).reshape(z.shape[:2])
                          for off in (z - prior.mean, (z - best[:, None]) / _NEARBY))  # fmt: skip
     at_draw -= k * np.log(_NEARBY)
-    log_weight = at_prior - np.logaddexp(np.log(rows) + at_prior, np.log(_N_NEARBY) + at_draw)
-    curves = model.decode(model.from_unconstrained(drawn.reshape(-1, k)), np.float32).reshape(n, _N_NEARBY, -1)
+    log_weight = at_prior - np.logaddexp(np.log(rows) + at_prior, np.log(N_NEARBY) + at_draw)
+    curves = model.decode(model.from_unconstrained(drawn.reshape(-1, k)), np.float32).reshape(n, N_NEARBY, -1)
     return z, curves, log_weight
 
 
@@ -172,7 +172,7 @@ def _valleys(values: Array) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _best(values: Array, unconstrained: Array) -> tuple[np.ndarray, np.ndarray]:
-    """Return sets and rows of the lowest values of each set, and of the lowest far from those: other folds of the family.
+    """Return sets and rows of the lowest values of each set, and of the lowest of other folds of the family.
 
     A family of several parameters folds: two far regions may make much the same curve, and the lower one need not hold
     the lowest row.

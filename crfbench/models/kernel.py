@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from crfbench.checks import as_finite
-from crfbench.curves import GRID, Array, Direction, as_curves, as_scaled_curves
+from crfbench.checks import as_finite, check_count
+from crfbench.curves import GRID, Array, Direction, as_scaled_curves, check_direction
 from crfbench.errors import InputError
 from crfbench.models.base import ClosedForm, Prior, refine
 from crfbench.models.discrepancy import KNOTS, at_knots, between_knots, from_knots
@@ -50,7 +50,12 @@ class Kernel(ClosedForm):
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int = 8, direction: Direction = "inverse") -> Self:
         """Learn mean and components from training curves (n, 1024) of that direction, n > `n_params`."""
+        check_direction(direction)
         logs = at_knots(as_scaled_curves(curves))
+        if check_count("n_params", n_params) >= len(logs):
+            raise InputError(
+                f"{len(logs)} curves have fewer than {n_params} components; use more than n_params of them"
+            )
         if len(logs) <= n_params:
             raise InputError(
                 f"{len(logs)} curves have fewer than {n_params} components; use more than n_params of them"
@@ -71,7 +76,7 @@ class Kernel(ClosedForm):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Project the logarithms, then refine to the least MSE."""
-        targets = as_curves(as_scaled_curves(curves))
+        targets = as_scaled_curves(curves)
         starts = (at_knots(targets) - self.mean_) @ self.components_.T
         return refine(self, targets, starts[:, None])
 

@@ -6,12 +6,14 @@ as the name of a weights file. A new model gets its line in `MODELS` and joins t
 """
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from crfbench.curves import GRID, Array, Direction, check_direction
+from crfbench.curves import GRID, Direction, check_direction
 from crfbench.datasets import load_emor_basis
 from crfbench.errors import FormatError, InputError
 from crfbench.files import NPZ_DAMAGE, bundled
@@ -99,31 +101,34 @@ class ModelKey:
         if self.family == SLR.name:
             model: ResponseModel = SLR.load(bundled(WEIGHTS) / f"{self}.safetensors")
         else:
-            # A model that is new in `MODELS` waits for scripts/build_priors.py, and then has no prior.
-            learned = _arrays(PRIORS, f"{self}.", "basis-")
-            model = self._bare(learned)
-            if f"{self}.mean" in learned:
-                model.prior_ = Prior(*(learned.get(f"{self}.{name}") for name in vars(Prior(GRID, GRID))))  # type: ignore[arg-type]
-        # The same holds for scripts/learn_discrepancies.py.
-        if bundled(DISCREPANCIES).exists() and (missed := _arrays(DISCREPANCIES, f"{self}.")):
-            model.discrepancy_ = Discrepancy(missed[f"{self}.factor"], missed[f"{self}.scale_weight"])
+            model = self._formula()
+        with _reading(DISCREPANCIES) as missed:
+            if f"{self}.factor" in missed:
+                model.discrepancy_ = Discrepancy(missed[f"{self}.factor"], missed[f"{self}.scale_weight"])
         return model
 
-    def _bare(self, learned: dict[str, Array]) -> ResponseModel:
-        """Return the model without its prior; what EMoR and the kernel mixture learn comes from the same file."""
+    def _formula(self) -> ResponseModel:
+        """Return a model with a formula; what EMoR and the kernel mixture learn lies beside the priors."""
         (kind,) = (kind for kind in MODELS if kind.name == self.family)
-        if kind is EMoR or kind is Kernel:
-            basis = learned[f"basis-{self.direction}" if kind is EMoR else f"{self}.basis"].astype(np.float64)
-            return kind(basis[0], basis[1:], self.n_params, self.direction)
-        # The other formulas learn nothing from curves, so any will do.
-        return kind.from_curves(GRID, self.n_params, self.direction)
+        with _reading(PRIORS) as learned:
+            if kind is EMoR or kind is Kernel:
+                basis = learned[f"basis-{self.direction}" if kind is EMoR else f"{self}.basis"].astype(np.float64)
+                model: ResponseModel = kind(basis[0], basis[1:], self.n_params, self.direction)
+            else:  # the others learn nothing from curves, so any will do
+                model = kind.from_curves(GRID, self.n_params, self.direction)
+            if f"{self}.centres" in learned:
+                model.prior_ = Prior.from_centres(learned[f"{self}.centres"], learned[f"{self}.weights"])
+            elif f"{self}.mean" in learned:  # a model that is new in `MODELS` waits for scripts/build_priors.py
+                model.prior_ = Prior(learned[f"{self}.mean"], learned[f"{self}.covariance"])
+            return model
 
 
-def _arrays(name: str, *starts: str) -> dict[str, Array]:
-    """Read the arrays of a bundled file whose names begin so."""
+@contextmanager
+def _reading(name: str) -> Iterator["np.lib.npyio.NpzFile"]:
+    """Open a bundled npz file; damage is a `FormatError`."""
     try:
         with bundled(name).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return {key: stored[key] for key in stored if key.startswith(starts)}
+            yield stored
     except NPZ_DAMAGE as error:
         raise FormatError(f"{name} is damaged ({error}); install crfbench again to restore it") from None
 
