@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from crfbench import camera, paper, plots, widgets
-    from crfbench.calibration import Observations, calibrate
+    from crfbench.calibration import Observations, calibrate, learn_discrepancy
     from crfbench.camera.passport import linearise
     from crfbench.curves import invert
     from crfbench.datasets import load_patches, load_responses
@@ -38,6 +38,7 @@ _HOME = {
     "calibrate": "calibration",
     "fetch": "datasets.fetch",
     "invert": "curves",
+    "learn_discrepancy": "calibration",
     "linearise": "camera.passport",
     "load_history": "history",
     "load_model": "models",
@@ -61,6 +62,7 @@ __all__ = [
     "camera",
     "fetch",
     "invert",
+    "learn_discrepancy",
     "linearise",
     "load_history",
     "load_model",

@@ -4,11 +4,11 @@ import datetime
 import itertools
 import json
 import re
-import reprlib
 import shutil
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -159,16 +159,26 @@ def report(
 def calibrate(
     source: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the files.")],
     chart: Annotated[str, typer.Option(help="auto, none (an exposure series), or a file of labels")] = "auto",
-    exposures: Annotated[str, typer.Option(help="exif, or exposure times such as 1,2,4,8 by name of file")] = "exif",
+    exposures: Annotated[
+        str, typer.Option(help="exif, times such as 1/60,1/30,1/15, a file of lines name time, or names")
+    ] = "exif",
     model: Annotated[str, typer.Option(help="Name of a model, such as SLR-ldl-3 or PPISP-4.")] = "Kernel-8",
+    white_level: Annotated[int | None, typer.Option(help="Of 16-bit images, such as 4095; default: a guess.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
 ) -> None:
     """Calibrate your camera: from RAW and JPEG files to a response passport."""
     from crfbench import camera
 
-    files = source[0] if len(source) == 1 and source[0].is_dir() else source
-    result = camera.calibrate(files, chart, _times(exposures), _current_name(model), datetime.date.today().isoformat())
+    result = camera.calibrate(
+        source,
+        chart,
+        None if exposures == "exif" else exposures,
+        _current_name(model),
+        datetime.date.today().isoformat(),
+        white_level=white_level,
+        say=partial(typer.echo, err=True),
+    )
     for problem in result.problems:
         typer.echo(f"left out: {problem.reason}", err=True)
     for path in camera.write_outputs(result, out, overwrite=force):
@@ -182,25 +192,16 @@ def calibrate(
 
 @app.command()
 def linearise(
-    image: Annotated[Path, typer.Argument(help="JPEG, PNG or TIFF, 8 or 16 bit.")],
+    image: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, HEIC, AVIF or WebP, 8 or 16 bit.")],
     response: Annotated[Path, typer.Option(help="passport.json or any export of it.")],
     out: Annotated[Path, typer.Option(help="What to write: .exr, .tif or .hdr (float).")],
+    white_level: Annotated[int | None, typer.Option(help="Of a 16-bit image, such as 4095; default: a guess.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Turn the brightness of an image back into irradiance."""
     from crfbench.camera import linearise_file
 
-    typer.echo(linearise_file(image, response, out, overwrite=force))
-
-
-def _times(exposures: str) -> list[float] | None:
-    if exposures == "exif":
-        return None
-    try:
-        return [float(part) for part in exposures.split(",")]
-    except ValueError:
-        wrong = f"exposures={reprlib.repr(exposures)} is not a list of times"
-        raise InputError(f"{wrong}; use exif, or numbers such as 1,2,4,8") from None
+    typer.echo(linearise_file(image, response, out, force, white_level=white_level, say=partial(typer.echo, err=True)))
 
 
 def _current_name(name: str) -> str:
@@ -316,6 +317,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
-        sentence = "PyTorch is not installed, and this command needs it: pip install 'crfbench[train]'"
+        sentence = "PyTorch is not installed, and this command needs it: pip install torch"
     typer.echo(f"crfbench: {sentence}", err=True)
     sys.exit(2)

@@ -1,7 +1,7 @@
 """Files: written so that none is ever half-written or replaced unasked, and read so that damage is noticed."""
 
 import os
-import tempfile
+import secrets
 import zipfile
 import zlib
 from pathlib import Path
@@ -24,25 +24,25 @@ def check_sums(path: Path) -> None:
 def write_atomically(path: str | Path, content: bytes) -> None:
     """Write `content` to a temporary file beside `path`, then rename it into place.
 
-    An `OSError` names `path`, where it cannot be written.
+    What a symbolic link points to is replaced, not the link. An `OSError` names `path`, where it cannot be written.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        _replace(path, content)
+        _replace(Path(os.path.realpath(path)), content)
     except OSError as error:  # names the file that was asked for, not the temporary one
         raise type(error)(error.errno, error.strerror, str(path)) from None
 
 
 def _replace(path: Path, content: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    # Short, as the name of the file itself may be as long as a name can be.
+    temporary = path.with_name(f".crfbench-{secrets.token_hex(8)}")
     try:
-        with os.fdopen(handle, "wb") as file:
+        with temporary.open("xb") as file:  # with the permissions that the umask leaves
             file.write(content)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
+        temporary.replace(path)
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def check_new(path: str | Path, overwrite: bool) -> Path:

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import sys
 from importlib.metadata import requires, version
 from pathlib import Path
 
@@ -44,14 +43,15 @@ def copy_notebooks(folder: Path) -> list[Path]:
 
 
 def open_lab(folder: Path, extra: list[str]) -> None:
-    """Become JupyterLab on `folder`, with the `extra` options of ``jupyter lab``.
+    """Run JupyterLab on `folder`, with the `extra` options of ``jupyter lab``.
 
-    This process is replaced, so whatever ends it ends JupyterLab, which listens on this machine only, keeps its token
+    It runs in this process, so whatever ends that ends JupyterLab, which listens on this machine only, keeps its token
     and prints the address with it.
     """
-    command = [sys.executable, "-m", "jupyterlab", "--ServerApp.ip=127.0.0.1", f"--ServerApp.root_dir={folder}"]
-    command.append(f"--LabApp.default_url=/lab/tree/{START}")  # so that the address printed leads there too
+    from jupyterlab.labapp import main
+
+    options = ["--ServerApp.ip=127.0.0.1", f"--ServerApp.root_dir={folder}"]
+    options.append(f"--LabApp.default_url=/lab/tree/{START}")  # so that the address printed leads there too
     if hasattr(os, "geteuid") and os.geteuid() == 0:
-        command.append("--allow-root")  # containers run as root; the server still listens on this machine only
-    sys.stdout.flush()
-    os.execv(command[0], [*command, *extra])  # noqa: S606
+        options.append("--allow-root")  # containers run as root; the server still listens on this machine only
+    main([*options, *extra])

@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 
 from crfbench import camera
 from crfbench.camera.measuring import chart_table, observe_chart, separate
-from crfbench.camera.reading import pair_photographs
+from crfbench.camera.photographs import pair_photographs
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.chart import chart_boxes, save_labels
@@ -83,7 +83,7 @@ def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
     jpegs = sorted(folder.glob("写真*.jpg"))
     save_labels(tmp_path / "labels.json", {name: measured.corners for name, measured in result.measured.items()})
     by_hand = camera.calibrate(jpegs, tmp_path / "labels.json", exposures=[15, 40, 110])
-    np.testing.assert_allclose(by_hand.calibration.observations.exposures[0], np.log2([15, 40, 110]))
+    np.testing.assert_allclose(by_hand.calibration.observations.exposures[0], np.log2([1, 40 / 15, 110 / 15]))
     with pytest.raises(InputError, match=r"exposures=\[1.0, 2.0\] do not match 3 photographs \(写真 0"):
         camera.calibrate(jpegs, exposures=[1, 2])
 
@@ -266,7 +266,7 @@ def test_a_read_only_folder_is_named(result, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--exposures", "a,b"), "numbers such as"),
+        (("--exposures", "a,b"), "times above 0 such as 0.5 or 1/60"),
         (("--exposures", "1,2,4"), "RAW files tell them better"),
         (("--model", "x"), "SLR-ldl-1"),
         (("--chart", "no.json"), "no.json"),

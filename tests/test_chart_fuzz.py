@@ -4,7 +4,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pillow_heif
 import pytest
+import tifffile
+from PIL import Image
 
 from crfbench.camera.reading import read_exif, read_image, read_raw
 from crfbench.camera.worker import Worker
@@ -22,6 +25,12 @@ def originals(tmp_path_factory) -> dict[str, bytes]:
     paths = [*write_pair(folder, "a", scene), folder / "a.png", folder / "a.tif"]
     cv2.imwrite(str(paths[2]), scene.jpeg)
     cv2.imwrite(str(paths[3]), (scene.raw * 65535).astype(np.uint16))
+    planes = np.moveaxis(scene.jpeg, 2, 0) * np.uint16(257)
+    tifffile.imwrite(folder / "a.tiff", planes, photometric="rgb", planarconfig="separate")
+    pillow_heif.from_pillow(Image.fromarray(scene.jpeg)).save(folder / "a.heic")
+    Image.fromarray(scene.jpeg).save(folder / "a.webp")
+    Image.fromarray(scene.jpeg).save(folder / "a.avif")
+    paths += [folder / f"a.{suffix}" for suffix in ("tiff", "heic", "webp", "avif")]
     if real := registry.find("raw/RAW_KODAK_DC50.KDC"):
         paths.append(real)
     return {path.suffix.lower(): path.read_bytes() for path in paths}
@@ -46,7 +55,7 @@ def read_everything(path: Path) -> tuple[tuple[int, ...], bool]:
 
 
 @pytest.mark.parametrize("n_files", [20, pytest.param(200, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".dng", ".kdc"])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".tiff", ".dng", ".kdc", ".heic", ".webp", ".avif"])
 def test_damaged_files(tmp_path, originals, suffix, n_files, capfd):
     if suffix not in originals:
         pytest.skip("the real RAW file is absent: set CRFBENCH_DATA to the folder that holds raw/RAW_KODAK_DC50.KDC")
@@ -59,7 +68,7 @@ def test_damaged_files(tmp_path, originals, suffix, n_files, capfd):
         try:
             shape, promised = worker.run(read_everything, path)
             assert promised
-            assert shape[2] == 3
+            assert shape[2:] in ((3,), ())  # a DNG file may become one of a monochrome sensor
         except FormatError as error:
             assert path.name in str(error)  # noqa: PT017
             refused += 1

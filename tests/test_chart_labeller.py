@@ -115,7 +115,7 @@ def test_labels_that_are_not_valid_change_nothing(labeller, corners):
         ({"a": WIDE[:0]}, InputError, r"shape \(0, 50, 3\)"),
         ({"a": 5}, InputError, "image 'a' is int"),
         ({"a": "nowhere.png"}, MissingDataError, "no file nowhere.png for 'a'"),
-        ({"a": __file__}, FormatError, "is not an image that OpenCV reads"),
+        ({"a": __file__}, FormatError, "is not an image that can be read"),
     ],
 )
 def test_what_is_not_a_photograph(images, error, message):

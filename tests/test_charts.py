@@ -21,17 +21,8 @@ from crfbench.camera.measuring import (
     measure_photograph,
     orient,
 )
-from crfbench.camera.reading import (
-    Exif,
-    Pair,
-    exposure_steps,
-    pair_photographs,
-    read_exif,
-    read_image,
-    read_levels,
-    read_raw,
-    read_size,
-)
+from crfbench.camera.photographs import Pair, exposure_steps, pair_photographs
+from crfbench.camera.reading import Exif, read_exif, read_image, read_levels, read_raw
 from crfbench.curves import GRID, evaluate
 from crfbench.datasets import load_opencrf, load_patches
 from crfbench.datasets.chart import load_labels, save_labels
@@ -71,7 +62,7 @@ def test_lossless_images_come_back_exactly(tmp_path, suffix, dtype):
     np.testing.assert_array_equal(read_image(path), pixels.astype(np.float32) / np.float32(np.iinfo(dtype).max))
 
 
-@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF", "WEBP", "AVIF"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_orientation(tmp_path, kind, orientation):
     exif = Image.Exif()
@@ -81,7 +72,6 @@ def test_orientation(tmp_path, kind, orientation):
     with Image.open(path) as image:
         expected = np.asarray(ImageOps.exif_transpose(image))
     np.testing.assert_allclose(read_image(path) * 255, expected, atol=3)
-    assert read_size(path) == expected.shape[1::-1]
 
 
 def test_sixteen_bit_tiff_is_turned(tmp_path):
@@ -94,10 +84,9 @@ def test_sixteen_bit_tiff_is_turned(tmp_path):
         folder.save(file)
         file.write(pixels.astype("<u2").tobytes())
     np.testing.assert_array_equal(read_levels(path), np.rot90(pixels, -1))
-    assert read_size(path) == (24, 16)
 
 
-@pytest.mark.parametrize(("mode", "name"), [("L", "L"), ("P", "P"), ("RGBA", "RGBA"), ("I;16", "I;16"), ("1", "1")])
+@pytest.mark.parametrize(("mode", "name"), [("P", "P"), ("1", "1")])
 def test_other_kinds_of_png_are_refused(tmp_path, mode, name):
     path = tmp_path / "a.png"
     Image.new(mode, (8, 8)).save(path)
@@ -107,11 +96,13 @@ def test_other_kinds_of_png_are_refused(tmp_path, mode, name):
 
 def test_other_kinds_of_photographs_are_refused(tmp_path):
     Image.new("CMYK", (8, 8)).save(tmp_path / "cmyk.jpg")
-    Image.new("L", (8, 8)).save(tmp_path / "grey.jpg")
     Image.new("RGB", (8, 8)).save(tmp_path / "key.png", transparency=(0, 0, 0))
-    Image.new("RGB", (8, 8)).save(tmp_path / "a.webp")
+    Image.new("RGB", (8, 8)).save(tmp_path / "a.gif")
+    glass = Image.new("RGB", (256, 256))
+    glass.putalpha(Image.linear_gradient("L"))
+    glass.save(tmp_path / "glass.png")
     cv2.imwrite(str(tmp_path / "float.tif"), np.zeros((8, 8, 3), np.float32))
-    for name in ("cmyk.jpg", "grey.jpg", "key.png", "a.webp", "float.tif", "missing.jpg"):
+    for name in ("cmyk.jpg", "key.png", "a.gif", "glass.png", "float.tif", "missing.jpg"):
         with pytest.raises(FormatError, match=f"^{name} .*; use"):
             read_image(tmp_path / name)
 
@@ -127,7 +118,7 @@ def test_a_bomb_is_refused_by_its_header(tmp_path, monkeypatch):
     ):
         header = b"IHDR" + side.to_bytes(4, "big") * 2 + content[24:29]
         path.write_bytes(content[:12] + header + zlib.crc32(header).to_bytes(4, "big") + content[33:])
-        for read in (read_image, read_size, read_exif):
+        for read in (read_image, read_exif):
             with pytest.raises(FormatError, match=rf"^bomb\.png {message}"):
                 read(path)
 
@@ -156,7 +147,7 @@ def test_a_file_too_large_is_not_read(tmp_path, monkeypatch):
         read_image(path)
 
 
-@pytest.mark.parametrize("read", [read_raw, read_size, read_exif])
+@pytest.mark.parametrize("read", [read_raw, read_exif])
 def test_no_raw_file(tmp_path, read):
     path = tmp_path / "a.nef"
     path.write_bytes(b"II*\0" + bytes(100))
@@ -357,18 +348,21 @@ def test_every_problem_is_named(tmp_path, small_pair):
     copy(jpeg, tmp_path / "alone.jpg"), copy(dng, tmp_path / "single.dng")
     copy(jpeg, tmp_path / "two.jpg"), copy(dng, tmp_path / "two.dng"), copy(dng, tmp_path / "two.nef")
     (tmp_path / "bad.jpg").write_bytes(jpeg.read_bytes()[:50]), copy(dng, tmp_path / "bad.dng")
-    larger, _ = write_pair(tmp_path / "other", "a", render_chart(GAMMA, 1, size=(128, 64)))
+    larger, _ = write_pair(tmp_path / "other", "a", scene := render_chart(GAMMA, 1, size=(320, 240)))
     copy(larger, tmp_path / "size.jpg"), copy(dng, tmp_path / "size.dng")
     pairs, problems = pair_photographs(tmp_path)
-    assert [pair.name for pair in pairs] == ["good"]
-    reasons = {problem.path.name: problem.reason for problem in problems}
+    _, _, unmeasured = chart_table(pairs, {"size": scene.corners})
+    assert [pair.name for pair in pairs] == ["bad", "good", "size"]
+    reasons = {
+        problem.path.name: problem.reason for problem in problems + unmeasured if problem.path.name != "good.jpg"
+    }
     assert reasons == {
         "alone.jpg": "alone.jpg has no RAW file of the same name",
         "single.dng": "single.dng has no JPEG of the same name",
         **{name: f"{name} has more than one partner among two.dng, two.jpg, two.nef"
            for name in ("two.dng", "two.jpg", "two.nef")},
-        "bad.jpg": "bad.jpg is not a readable JPEG, PNG or TIFF file; use a complete one",
-        "size.jpg": "size.jpg is 128 x 64 and size.dng is 96 x 64 pixels; "
+        "bad.jpg": "bad.jpg is not a readable JPEG, PNG, TIFF, HEIC, AVIF or WebP file; use a complete one",
+        "size.jpg": "size.jpg is 320 x 240 and size.dng is 96 x 64 pixels; "
                     "use the JPEG of the same photograph, neither resized nor turned",
     }  # fmt: skip
 
@@ -377,8 +371,7 @@ def test_given_files_of_another_kind_are_named(tmp_path):
     pairs, problems = pair_photographs([tmp_path / "a.txt"])
     assert pairs == []
     assert "a.txt is neither RAW nor JPEG" in problems[0].reason
-    with pytest.raises(InputError, match="nowhere is not a folder"):
-        pair_photographs(tmp_path / "nowhere")
+    assert "nowhere is neither RAW nor" in pair_photographs(tmp_path / "nowhere")[1][0].reason
 
 
 # --- labels

@@ -1,3 +1,5 @@
+import os
+
 import pytest
 
 from crfbench.errors import InputError
@@ -39,3 +41,26 @@ def test_what_cannot_be_written_is_named_and_leaves_no_trace(tmp_path):
             write_atomically(path, b"new")
         assert "->" not in str(caught.value)
         assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_names_may_be_as_long_as_the_system_lets_them(tmp_path):
+    path = tmp_path / ("x" * 251 + ".exr")
+    write_atomically(path, b"one")
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights, and there is no umask")
+def test_links_are_written_through_and_the_umask_holds(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to("there/a.txt")
+    before = os.umask(0o077)
+    try:
+        for content in (b"new", b"newer"):
+            write_atomically(tmp_path / "link", content)
+    finally:
+        os.umask(before)
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "there" / "a.txt").read_bytes() == b"newer"
+    assert (tmp_path / "there" / "a.txt").stat().st_mode & 0o777 == 0o600
+    write_atomically(tmp_path / "b.txt", b"")
+    assert (tmp_path / "b.txt").stat().st_mode & 0o777 == 0o666 & ~before

@@ -36,7 +36,7 @@ def test_rows_are_complete_and_unique(table):
     assert tuple(table.columns) == COLUMNS
     assert not table.duplicated(subset=list(KEYS)).any()
     classical = table[~table["model"].str.startswith(("SLR", "EMoR-published"))]
-    assert len(classical) == 14 * 2 * 2
+    assert len(classical) == 15 * 2 * 2
     slr = table[table["model"].str.startswith("SLR")]
     assert set(slr.loc[slr["split"] == "in-sample", "model"]) == {
         "SLR-open-1",

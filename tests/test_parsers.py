@@ -16,9 +16,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import save
 
-from crfbench import cli
 from crfbench.camera.formats import FORMATS, decode
 from crfbench.camera.passport import Passport
+from crfbench.camera.photographs import Pair, _given_times
 from crfbench.datasets import dorf, responses
 from crfbench.datasets.chart import load_labels, save_labels
 from crfbench.errors import CrfbenchError, FormatError
@@ -30,6 +30,9 @@ from crfbench.search.result import Journal
 from crfbench.search.space import Outcome
 
 CURVE = np.linspace(0.0, 1.0, 1024) ** 2
+
+
+THREE = [Pair(name, Path(f"{name}.jpg")) for name in "abc"]
 
 
 class Parser(NamedTuple):
@@ -82,9 +85,7 @@ PARSERS = {
     "labels": Parser(
         lambda path: save_labels(path, {"a": [(0.1, 0.1), (0.9, 0.1), (0.9, 0.9), (0.1, 0.9)]}), load_labels
     ),
-    "times": Parser(
-        lambda path: path.write_text("1,2.5,1e3"), lambda path: cli._times(path.read_text(encoding="latin-1"))
-    ),
+    "times": Parser(lambda path: path.write_text("1,2.5,1e3"), lambda path: _given_times(path, THREE)[0]),
     **{
         f"passport as {name}": Parser(
             lambda path, name=name: path.write_bytes(FORMATS[name].write(Passport("inverse", CURVE))),

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from crfbench.camera import Passport, read_response, write_response
-from crfbench.camera.formats import FORMATS, decode, hugin
+from crfbench.camera import Passport, formats, read_response, write_response
+from crfbench.camera.formats import FORMATS, decode
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.dorf import parse_dorf_text
@@ -40,7 +40,7 @@ def basis(monkeypatch, tmp_path):
     """Give Hugin's format a basis learned here, and no data folder with the published one."""
     responses = load_opencrf()
     model = EMoR.from_curves(responses.curves, 25, "forward")
-    monkeypatch.setattr(hugin, "load_emor_basis", lambda direction: (model.mean_, model.components_))
+    monkeypatch.setattr(formats, "load_emor_basis", lambda direction: (model.mean_, model.components_))
     return model
 
 
@@ -182,7 +182,7 @@ def test_what_cannot_be_a_passport_file(data, message, tmp_path):
 @pytest.mark.parametrize("name", FORMATS)
 def test_what_is_written_is_read_again(name, passport, direction, tmp_path):
     passport = Passport(direction, passport.in_direction(direction), camera=passport.camera)
-    path = tmp_path / f"my{FORMATS[name].SUFFIX}"
+    path = tmp_path / f"my{FORMATS[name].suffix}"
     if name in SINGLE and len(passport.curves) > 1:
         with pytest.raises(InputError, match=r"holds one curve and this passport has 3; use passport\.channel"):
             write_response(passport, path)

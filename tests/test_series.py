@@ -322,7 +322,7 @@ def test_radiance_files_keep_eight_bits(tmp_path):
     ("name", "image", "message"),
     [
         ("a.png", RADIANCE, "tells no format; let it end in one of .exr"),
-        ("a.exr", RADIANCE[..., 0], r"shape \(37, 21\)"),
+        ("a.exr", RADIANCE[0, :, 0], r"shape \(21,\)"),
         ("a.exr", RADIANCE[:0], r"shape \(0, 21, 3\)"),
         ("a.exr", -RADIANCE, "negative"),
         ("a.exr", RADIANCE * np.nan, "not finite"),
@@ -362,8 +362,9 @@ def test_read_series_by_exif_reports_what_it_leaves_out(tmp_path):
     np.testing.assert_allclose(stops, [0, 2, 4], atol=1e-6)
     assert len(images) == 3
     np.testing.assert_allclose(images[2].astype(float), FLAT, atol=1)
-    assert [problem.path.name for problem in problems] == ["3.jpg", "4.jpg", "6.jpg"]
-    assert "does not tell time, f-number and ISO speed" in problems[0].reason
+    reasons = {problem.path.name: problem.reason for problem in problems}
+    assert sorted(reasons) == ["3.jpg", "4.jpg", "6.jpg"]
+    assert reasons["3.jpg"].startswith("3.jpg does not tell its exposure; give times (--exposures 1/60,")
 
 
 def test_read_series_keeps_every_level_of_16_bits(tmp_path):
@@ -381,5 +382,5 @@ def test_read_series_keeps_every_level_of_16_bits(tmp_path):
 
 @pytest.mark.parametrize("exposures", [[1.0], [1.0, 0.0], [1.0, np.inf], ["a", "b"]])
 def test_times_that_do_not_match(exposures):
-    with pytest.raises(InputError, match=r"do not match 2 photographs|holds text"):
+    with pytest.raises(InputError, match=r"do not match 2 photographs|is not an exposure time"):
         read_series(["1.jpg", "2.jpg"], exposures)

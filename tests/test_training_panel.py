@@ -150,7 +150,7 @@ def test_without_pytorch_it_says_how_to_get_it(panel: TrainingPanel, monkeypatch
         monkeypatch.delitem(sys.modules, name)
     panel.start("LDL", epochs=2)
     panel.wait()
-    assert panel.status == "Training needs PyTorch, which is not here: pip install 'crfbench[train]'"
+    assert panel.status == "Training needs PyTorch, which is not here: pip install torch"
     assert panel.history is None
     assert not panel.running
 

@@ -11,7 +11,8 @@ from crfbench.camera.measuring import chart_table
 from crfbench.camera.merging import merge_series, write_hdr
 from crfbench.camera.outputs import linearise_file, linearised_patches, write_outputs
 from crfbench.camera.passport import Passport, linearise
-from crfbench.camera.reading import pair_photographs, read_image, read_series
+from crfbench.camera.photographs import pair_photographs, read_series
+from crfbench.camera.reading import read_image
 from crfbench.camera.series import calibrate_series
 from crfbench.camera.synthetic import EXAMPLE_FOLDER, render_series
 from crfbench.datasets.chart import load_labels, save_labels

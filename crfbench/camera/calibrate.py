@@ -1,7 +1,7 @@
 """From a folder of photographs to a response passport: with a chart, or from exposure steps alone."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,19 +13,9 @@ from crfbench.calibration import calibrate as calibrate_observations
 from crfbench.camera.measuring import MeasuredChart, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
-from crfbench.camera.reading import (
-    IMAGE_SUFFIXES,
-    Exif,
-    Problem,
-    Source,
-    as_times,
-    list_photographs,
-    pair_photographs,
-    read_exif,
-    read_series,
-)
+from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.series import calibrate_series
-from crfbench.camera.worker import WORKER
+from crfbench.checks import check_count
 from crfbench.curves import repair
 from crfbench.datasets.chart import load_labels
 from crfbench.errors import InputError
@@ -51,14 +41,18 @@ class CameraCalibration:
     patches: "DataFrame | None" = None  # the patch table, where there was a chart
     measured: dict[str, MeasuredChart] = field(default_factory=dict)  # where the chart lies in each photograph
     merged: Merged | None = None  # the linear image that an exposure series gives
+    notes: list[str] = field(default_factory=list)  # what was assumed of the files, in sentences
 
 
 def calibrate(
     source: Source,
     chart: str | Path = "auto",
-    exposures: Sequence[float] | None = None,
+    exposures: Exposures = None,
     model: str = DEFAULT_MODEL,
     created: str = "",
+    *,
+    white_level: int | None = None,
+    say: Callable[[str], object] = lambda text: None,
 ) -> CameraCalibration:
     """Calibrate a camera from its photographs: of a colour chart, or of any static scene at several exposures.
 
@@ -71,79 +65,84 @@ def calibrate(
     chart : "auto", "none" or path
         The chart is sought in every photograph, or marked by hand in a file of labels (`crfbench.camera.load_labels`)
         and sought where that has none. "none": an exposure series of aligned photographs without a chart.
-    exposures : sequence of float, optional
-        Exposure times of the photographs, by name in alphabetical order, in any unit; default by EXIF. Refused where
-        every photograph of a chart has its RAW file, as those tell the exposures better.
+    exposures : sequence, path or "names", optional
+        Exposure times of the photographs in any unit, in the order given, or in natural order of a folder: numbers,
+        fractions such as "1/60", a file of them or those in the names, as `plan_photographs` takes them; default by
+        EXIF. Refused where every photograph of a chart has its RAW file, as those tell the exposures better.
     model : str
         Name of a bundled model of direction "inverse".
     created : str
         ISO date for the passport.
+    white_level : int, optional
+        Of images of 16 bits a value, such as 4095; by default guessed from their greatest level (`find_white_level`).
+    say : callable, optional
+        Is given, before the work begins, the photographs in order with their exposures, and what is assumed of them.
 
     Returns
     -------
     CameraCalibration
         Exposures without a chart tell no scale: that the curve ends in (1, 1) is then the model's word.
     """
-    given = [source] if isinstance(source, str | Path) else (source := list(source))
-    if missing := [path for path in map(Path, given) if not path.exists()]:
+    given = list(map(Path, [source] if isinstance(source, str | Path) else source))
+    if missing := [path for path in given if not path.exists()]:
         raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
+    if white_level is not None:
+        check_count("white_level", white_level, 255, 65535)
     key = _inverse_model(model)
+    plan = plan_photographs(given, exposures, chart != "none", white_level)
+    for text in (plan.table(), *plan.notes) if plan.pairs else ():
+        say(text)
     if chart == "none":
-        return _from_series(source, exposures, key, created)
-    labels = None if chart == "auto" else Path(chart)
-    return _from_chart(source, labels, exposures, key, created)
+        return _from_series(plan, _NOMINAL if exposures is None else _EXACT, key, created)
+    return _from_chart(plan, None if chart == "auto" else Path(chart), exposures is not None, key, created)
 
 
 def _inverse_model(name: str) -> ModelKey:
     key = ModelKey.parse(name)
     if key.direction != "inverse":
         raise InputError(f"model={name!r} has direction 'forward'; use one of direction 'inverse', such as 'SLR-ldl-3'")
+    key.load()  # what is no model is told before photographs are read
     return key
 
 
-def _from_chart(
-    source: Source, labels: Path | None, exposures: Sequence[float] | None, key: ModelKey, created: str
-) -> CameraCalibration:
+def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, created: str) -> CameraCalibration:
     model = key.load()
-    pairs, unpaired = pair_photographs(source)
-    patches, measured, unmeasured = chart_table(pairs, load_labels(labels) if labels else None)
-    problems = unpaired + unmeasured
+    patches, measured, unmeasured = chart_table(plan.pairs, load_labels(labels) if labels else None, plan.white_level)
+    used = plan.without(unmeasured)
     if patches.empty:
         raise InputError(
-            f"no photograph with a chart is left ({_reasons(problems)}); "
+            f"no photograph with a chart is left ({_reasons(used.problems)}); "
             "mark the corners with ChartLabeller, or use other files"
         )
-    used = [pair for pair in pairs if pair.name in measured]
-    if exposures is not None and all(pair.raw for pair in used):
+    if timed and all(pair.raw for pair in used.pairs):
         raise InputError("exposures are given, but RAW files tell them better; leave out one of the two")
-    steps = None if exposures is None else np.log2(as_times(exposures, [pair.name for pair in used]))
-    observations = observe_chart(patches, steps)
+    observations = observe_chart(patches, used.stops)
     noise = _WITH_RAW if observations.absolute else Noise()
     calibration = calibrate_observations(model, observations, "posterior", noise=noise)
-    files = [path for pair in used for path in (pair.jpeg, pair.raw) if path is not None]
-    passport = _passport(calibration, key, next(iter(measured.values())).exif, files, created)
-    return CameraCalibration(
-        passport, calibration, {pair.name: pair.jpeg for pair in used}, problems, patches, measured
-    )
+    passport = _passport(calibration, key, used, created)
+    photographs = {pair.name: pair.jpeg for pair in used.pairs}
+    return CameraCalibration(passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes)
 
 
-def _from_series(source: Source, exposures: Sequence[float] | None, key: ModelKey, created: str) -> CameraCalibration:
+def _from_series(plan: Plan, error: float, key: ModelKey, created: str) -> CameraCalibration:
     model = key.load()
-    paths = [path for path in sorted(list_photographs(source)) if path.suffix.lower() in IMAGE_SUFFIXES]
-    images, stops, problems = read_series(paths, exposures)
+    images, used = read_planned(plan)
     if len(images) < 2:
-        raise InputError(f"{len(images)} photographs of a series are left ({_reasons(problems)}); use two or more")
-    error = _NOMINAL if exposures is None else _EXACT
-    calibration = calibrate_series(images, stops, model, exposure_error=error)
-    left = {problem.path for problem in problems}
-    used = [path for path in paths if path not in left]
-    passport = _passport(calibration, key, WORKER.run(read_exif, used[0]), used, created)
-    merged = merge_series(images, stops, calibration)
-    return CameraCalibration(passport, calibration, {path.stem: path for path in used}, problems, merged=merged)
+        left = "".join(f", {pair.jpeg.name}" for pair in used.pairs)
+        raise InputError(
+            f"{len(images)} photographs of a series are left{left} ({_reasons(used.problems)}); use two or more"
+        )
+    calibration = calibrate_series(images, used.stops, model, exposure_error=error)
+    passport = _passport(calibration, key, used, created)
+    merged = merge_series(images, used.stops, calibration)
+    photographs = {pair.name: pair.jpeg for pair in used.pairs}
+    return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=plan.notes)
 
 
-def _passport(calibration: Calibration, key: ModelKey, exif: Exif, files: Sequence[Path], created: str) -> Passport:
+def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str) -> Passport:
     """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files."""
+    exif = next((exif for exif in used.exifs if exif.model), used.exifs[0])
+    files = [path for pair in used.pairs for path in (pair.jpeg, pair.raw) if path is not None]
     low, high = (repair(curves[:1]) for curves in calibration.bands[_LEVEL])
     curve = repair(calibration.curves[:1])
     darkest, brightest = calibration.brightness_range[0].tolist()
@@ -161,6 +160,7 @@ def _passport(calibration: Calibration, key: ModelKey, exif: Exif, files: Sequen
         data_sha256=_digest(files),
         valid_range=(darkest, brightest),
         created=created,
+        white_level=used.white_level,
     )
 
 

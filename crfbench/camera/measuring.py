@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Observations
 from crfbench.calibration.observations import colour_error
-from crfbench.camera.reading import Exif, Pair, Problem, check_sizes, exposure_steps, read_exif, read_image, read_raw
+from crfbench.camera.photographs import Pair, Problem, exposure_steps
+from crfbench.camera.reading import Exif, read_exif, read_image, read_raw
 from crfbench.camera.worker import WORKER
 from crfbench.curves import Array
 from crfbench.datasets.chart import SIZE, UNIT, as_corners, chart_colours, homography, project, sample_positions
@@ -26,6 +27,8 @@ _LONGEST_SIDE, _SHORTEST_SIDE = 1000, 32
 _CANDIDATES = 30
 # The detector's box has a margin of this many widths of a patch round the patches.
 _MARGIN = 0.1
+# Cameras crop the frame of a RAW file when they develop it, by this share of a side at most.
+_CROP_SHARE = 0.02
 # The inner half of a patch keeps clear of its edges, of shadows and of corners that lie a little off.
 _BOX_SHARE = 0.5
 # Left out at either end before averaging: dust, scratches, hot pixels.
@@ -194,25 +197,32 @@ class MeasuredChart(NamedTuple):
     exif: Exif
 
 
-def measure_photograph(jpeg: Path, raw: Path | None = None, corners: ArrayLike | None = None) -> MeasuredChart:
+def measure_photograph(
+    jpeg: Path, raw: Path | None = None, corners: ArrayLike | None = None, white_level: int | None = None
+) -> MeasuredChart:
     """Measure the chart in one photograph, decoding its files in this process.
 
     The chart lies at the same place in both files. Corners marked by hand, shape (4, 2), are clockwise from any corner
-    on; without them the chart is sought in the JPEG.
+    on; without them the chart is sought in the JPEG. `white_level` as in `read_image`. Grey photographs and two sizes
+    are a `FormatError`.
     """
-    pixels, exif = read_image(jpeg), read_exif(jpeg)
+    pixels, exif = read_image(jpeg, white_level), read_exif(jpeg)
+    if pixels.ndim == 2:
+        raise FormatError(f"{jpeg.name} is grey, and a chart is told by its colours; use --chart none and a series")
     found, confidence = find_chart(pixels) if corners is None else orient(pixels, corners)
     values = measure_chart(pixels, found)
     if raw is None:
         return MeasuredChart(found, confidence, values, None, exif)
     linear = read_raw(raw)
     (height, width), (raw_height, raw_width) = pixels.shape[:2], linear.shape[:2]
-    check_sizes(Path(jpeg), (width, height), Path(raw), (raw_width, raw_height))
+    if max(abs(height / raw_height - 1), abs(width / raw_width - 1)) > _CROP_SHARE:
+        sizes = f"{jpeg.name} is {width} x {height} and {raw.name} is {raw_width} x {raw_height} pixels"
+        raise FormatError(f"{sizes}; use the JPEG of the same photograph, neither resized nor turned")
     return MeasuredChart(found, confidence, values, measure_chart(linear, found), exif)
 
 
 def chart_table(
-    pairs: Sequence[Pair], labels: Mapping[str, ArrayLike] | None = None
+    pairs: Sequence[Pair], labels: Mapping[str, ArrayLike] | None = None, white_level: int | None = None
 ) -> tuple["DataFrame", dict[str, MeasuredChart], list[Problem]]:
     """Measure the chart in every photograph; one that cannot be measured is reported, the rest goes on.
 
@@ -222,6 +232,8 @@ def chart_table(
         See `pair_photographs`; without a RAW file, its columns are NaN.
     labels : mapping of str to array_like, shape (4, 2), optional
         Corners by the name of the photograph (`load_labels`); in the other photographs the chart is sought.
+    white_level : int, optional
+        As in `crfbench.camera.read_image`.
 
     Returns
     -------
@@ -240,7 +252,7 @@ def chart_table(
     for pair in pairs:
         corners = (labels or {}).get(pair.name)
         try:
-            measured[pair.name] = WORKER.run(measure_photograph, pair.jpeg, pair.raw, corners)
+            measured[pair.name] = WORKER.run(measure_photograph, pair.jpeg, pair.raw, corners, white_level)
         except (FormatError, InputError) as error:
             problems.append(Problem(pair.jpeg, str(error)))
     steps = exposure_steps([photograph.exif for photograph in measured.values()])

@@ -149,15 +149,15 @@ def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) ->
     path : path
         ``.exr`` (OpenEXR, ZIP) and ``.tif`` or ``.tiff`` (not compressed) keep every float32 exactly; ``.hdr``
         (Radiance) keeps 8 bits and a common exponent.
-    radiance : array_like, shape (h, w, 3)
-        Red, green and blue, finite, not negative.
+    radiance : array_like, shape (h, w, 3) or (h, w)
+        Red, green and blue, or grey; finite, not negative.
     overwrite : bool
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _SUFFIXES:
         raise InputError(f"the name {path} tells no format; let it end in one of {', '.join(_SUFFIXES)}")
     pixels = np.asarray(radiance)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size or pixels.dtype.kind not in "fiu":
+    if pixels.shape[2:] not in ((), (3,)) or pixels.ndim < 2 or not pixels.size or pixels.dtype.kind not in "fiu":
         raise InputError(f"the image is {pixels.dtype} of shape {pixels.shape}; use numbers of shape (h, w, 3)")
     pixels = np.ascontiguousarray(pixels, dtype=np.float32)
     if not np.isfinite(pixels).all() or pixels.min() < 0:
@@ -172,7 +172,7 @@ def _exr(pixels: NDArray[np.float32]) -> bytes:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with TemporaryDirectory() as folder:  # the library writes to files only
         file = Path(folder) / "image.exr"
-        OpenEXR.File(header, {"RGB": pixels}).write(str(file))
+        OpenEXR.File(header, {"RGB" if pixels.ndim == 3 else "Y": pixels}).write(str(file))
         return file.read_bytes()
 
 
@@ -180,4 +180,6 @@ def _encoded(suffix: str, pixels: NDArray[np.float32]) -> bytes:
     import cv2
 
     options = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_NONE] if suffix.startswith(".tif") else []
-    return bytes(cv2.imencode(suffix, pixels[..., ::-1], options)[1].tobytes())
+    if suffix == ".hdr" and pixels.ndim == 2:  # a format of three channels
+        pixels = np.dstack([pixels] * 3)
+    return bytes(cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)[1].tobytes())

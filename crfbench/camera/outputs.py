@@ -14,6 +14,7 @@ from crfbench.camera.formats import FORMATS, read_response, write_response
 from crfbench.camera.measuring import measure_chart
 from crfbench.camera.merging import write_hdr
 from crfbench.camera.passport import linearise
+from crfbench.camera.photographs import find_white_level
 from crfbench.camera.reading import read_image, read_levels
 from crfbench.camera.worker import WORKER
 from crfbench.errors import InputError, MissingDataError
@@ -57,15 +58,28 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
         yield folder / _MERGED
 
 
-def linearise_file(image: Path, response: Path, out: Path, overwrite: bool = False) -> Path:
+def linearise_file(
+    image: Path,
+    response: Path,
+    out: Path,
+    overwrite: bool = False,
+    *,
+    white_level: int | None = None,
+    say: Callable[[str], object] = lambda text: None,
+) -> Path:
     """Turn the brightness of an image file back into irradiance, write it as a linear image, and return its path.
 
     `response` is a passport or any export of it; `out` ends in ``.exr`` or ``.tif`` (floats in units of full scale) or
-    ``.hdr``.
+    ``.hdr``. `white_level` is by default that of the passport, else guessed; `say` as in `crfbench.camera.calibrate`.
     """
     passport = read_response(response)
     check_new(out, overwrite)
-    write_hdr(out, linearise(WORKER.run(read_levels, image), passport), overwrite)
+    white_level = white_level or passport.white_level
+    if white_level is None:
+        white_level, notes = find_white_level([image])
+        for note in notes:
+            say(note)
+    write_hdr(out, linearise(WORKER.run(read_levels, image, white_level), passport), overwrite)
     return out
 
 
@@ -176,7 +190,7 @@ def _picture(width: float, height: float, draw: Callable[["Axes"], object], kind
 
 
 def _file_name(name: str) -> str:
-    suffix: str = FORMATS[name].SUFFIX
+    suffix: str = FORMATS[name].suffix
     if name == "passport":
         return f"passport{suffix}"
     return f"response{suffix}" if suffix.startswith(".") else suffix

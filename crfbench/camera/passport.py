@@ -49,6 +49,8 @@ class Passport:
         ISO date, such as "2026-01-31"; the caller says it, no clock is read.
     version : str
         Of the crfbench that made it; by default this one.
+    white_level : int, optional
+        That counted as brightness 1 in images of 16 bits, where it was not 65535.
 
     Examples
     --------
@@ -70,6 +72,7 @@ class Passport:
     valid_range: tuple[float, float] = (0.0, 1.0)
     created: str = ""
     version: str = field(default_factory=lambda: version("crfbench"))
+    white_level: int | None = None
 
     def __post_init__(self) -> None:
         check_direction(self.direction)
@@ -81,6 +84,8 @@ class Passport:
         self._set(params=_checked_params(self.params, len(curves)), valid_range=_checked_range(self.valid_range))
         if self.iso is not None:
             self._set(iso=check_count("iso", self.iso))
+        if self.white_level is not None:
+            self._set(white_level=check_count("white_level", self.white_level, 255, 65535))
         _check_created(self.created)
         if self.data_sha256 and not _SHA256.fullmatch(self.data_sha256):
             raise InputError(f"data_sha256={self.data_sha256!r} is not a SHA-256; use 64 small hexadecimal digits")

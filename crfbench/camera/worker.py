@@ -108,6 +108,9 @@ def _start_without_main(process: BaseProcess) -> None:
 def _serve(pipe: Connection) -> None:
     """Answer until the other side is closed or gone; Ctrl-C is for the main process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Decoders in C write about damage to file 2, beside our sentence; Python keeps a copy for what is a bug.
+    sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     pipe.send(True)
     while True:
         answer: tuple[bool, Any]

@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
-from loky import ProcessPoolExecutor
+from loky import ProcessPoolExecutor, cpu_count
 from loky.backend.context import get_context
 from tqdm.auto import tqdm
 
@@ -36,6 +36,7 @@ LEARNING_RATE = 5e-4
 BLOCKS = 128
 _BAR = "{desc} |{bar}| {percentage:3.0f} % [{elapsed}, {remaining} left]"
 _STACK_WEIGHTS = 150_000  # of a stack's networks on one fold; larger stacks leave the processor's cache
+_MOST_WORKERS = 61  # that Windows can wait for
 _STACK_OVERHEAD = 20_000  # what one more stack costs, in weights
 
 
@@ -227,7 +228,7 @@ def local_workers() -> Iterator[Executor]:
     """
     listen, hold = get_context("loky").Pipe(duplex=False)
     try:
-        executor = ProcessPoolExecutor(initializer=_start, initargs=(listen,))
+        executor = ProcessPoolExecutor(min(cpu_count(), _MOST_WORKERS), initializer=_start, initargs=(listen,))
     except OSError as error:
         raise _worker_error(error) from error
     try:

@@ -80,7 +80,7 @@ def _ask(space: SearchSpace, done: Done, count: int, seed: int) -> list[Hidden]:
     try:
         import optuna
     except ModuleNotFoundError:
-        raise MissingDataError("optuna is not installed; this strategy needs: pip install 'crfbench[optuna]'") from None
+        raise MissingDataError("optuna is not installed; this strategy needs: pip install optuna") from None
     widths: dict[str, optuna.distributions.BaseDistribution] = {
         name: optuna.distributions.CategoricalDistribution(getattr(space, name)) for name in ("h1", "h2", "h3")
     }

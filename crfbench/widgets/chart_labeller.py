@@ -98,13 +98,15 @@ def _read_only(corners: Array) -> Array:
 
 
 def _check_image(name: object, image: object) -> None:
-    import cv2
+    from PIL import Image
 
     if isinstance(image, str | Path):
         if not Path(image).is_file():
             raise MissingDataError(f"there is no file {image} for {name!r}; use the path of a photograph")
-        if not cv2.haveImageReader(str(image)):
-            raise FormatError(f"{image} is not an image that OpenCV reads; use JPEG, PNG or TIFF")
+        try:
+            Image.open(image).close()
+        except OSError:
+            raise FormatError(f"{image} is not an image that can be read; use JPEG, PNG or TIFF") from None
     elif not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         shape = f"{image.dtype} of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise InputError(f"image {name!r} is {shape}; use uint8 of shape (h, w, 3), or a path")
@@ -118,7 +120,8 @@ def _pixels(name: str, image: NDArray[np.uint8] | str | Path) -> NDArray[np.uint
 
     if isinstance(image, np.ndarray):
         return np.ascontiguousarray(image[..., ::-1])
-    pixels = cv2.imread(str(image), cv2.IMREAD_COLOR)
+    # By path, OpenCV finds no file on Windows whose name is not of the system's code page.
+    pixels = cv2.imdecode(np.fromfile(image, np.uint8), cv2.IMREAD_COLOR)
     if pixels is None:
         raise FormatError(f"{image}, the photograph {name!r}, is damaged; use another copy")
     return np.asarray(pixels, dtype=np.uint8)

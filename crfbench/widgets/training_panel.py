@@ -202,5 +202,5 @@ class TrainingPanel(anywidget.AnyWidget):
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, ModuleNotFoundError) and error.name == "torch":
-        return "Training needs PyTorch, which is not here: pip install 'crfbench[train]'"
+        return "Training needs PyTorch, which is not here: pip install torch"
     return f"The training failed: {' '.join(str(error).split())}"

@@ -1,0 +1,429 @@
+"""Which files are one photograph, in which order they come, how they were exposed, and the series that they make.
+
+Everything but `read_planned` looks at names and headers alone.
+"""
+
+import re
+import unicodedata
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from crfbench.camera.reading import IMAGE_SUFFIXES, IMAGES, RAW_SUFFIXES, Exif, read_exif, read_levels, top_level
+from crfbench.camera.worker import WORKER
+from crfbench.checks import as_numbers
+from crfbench.curves import Array
+from crfbench.errors import FormatError, InputError
+
+Source = str | Path | Iterable[str | Path]
+Exposures = str | Path | Sequence[float | str] | ArrayLike | None
+
+# Pixel phones name the two files of one photograph X.RAW-01.COVER.jpg and X.RAW-02.ORIGINAL.dng.
+_PIXEL_PART = re.compile(r"\.raw-\d+(\.mp)?\.(cover|original)$")
+_EDITED = re.compile(r"[-_ ]edit(ed)?$")
+# 1_60s and 1-60s; 0.5s, 4ms and 250us, each with sec for s too.
+_TIME = re.compile(r"(?<![0-9a-z.])(?:(1)[-_](\d+)|(\d*\.?\d+) ?(u|m)?)s(?:ec)?(?![0-9a-z])")
+_PER_SECOND = {"": 1, "m": 1000, "u": 1_000_000}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One photograph: its name, its JPEG (or PNG, TIFF, HEIC) and its RAW file, None where there is none."""
+
+    name: str
+    jpeg: Path
+    raw: Path | None = None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A file that was left out, and why, in one sentence."""
+
+    path: Path
+    reason: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The photographs of one camera in order, and what is known of them before any pixel is read."""
+
+    pairs: list[Pair]
+    exifs: list[Exif]
+    times: Array  # of exposure, in seconds where EXIF tells them; NaN where unknown
+    stops: Array  # relative to the first one that is known; NaN where unknown
+    problems: list[Problem]  # files that are left out
+    notes: list[str]  # what is assumed, in sentences
+    white_level: int | None = None  # of images of 16 bits, where it is not 65535
+
+    def without(self, problems: Sequence[Problem]) -> "Plan":
+        """Return the plan without some photographs, and why."""
+        out = {problem.path for problem in problems}
+        keep = [i for i, pair in enumerate(self.pairs) if not {pair.jpeg, pair.raw} & out]
+        pairs, exifs = [self.pairs[i] for i in keep], [self.exifs[i] for i in keep]
+        times, stops = self.times[keep], _relative(self.stops[keep])
+        return replace(self, pairs=pairs, exifs=exifs, times=times, stops=stops, problems=[*self.problems, *problems])
+
+    def table(self) -> str:
+        """Return a line a photograph: its files, exposure time, stops."""
+        names = [f"{pair.jpeg.name} + {pair.raw.name}" if pair.raw else pair.jpeg.name for pair in self.pairs]
+        if len(set(names)) < len(names):
+            names = [pair.name for pair in self.pairs]
+        rows = zip(names, map(_as_text, self.times.tolist()), self.stops.tolist(), strict=True)
+        width = max(map(len, names), default=0)
+        return "\n".join(f"{name:{width}}  {time:>9}  {stop:+6.2f} stops" for name, time, stop in rows)
+
+
+def pair_photographs(source: Source) -> tuple[list[Pair], list[Problem]]:
+    """Pair RAW files with JPEGs (or other images) of the same name.
+
+    Upper and lower case are the same, and so are the two names that Pixel phones give. Where a name occurs in several
+    folders, partners lie in one. Of several images beside a RAW file the only JPEG is its partner. Where there is no
+    RAW file at all, every image stands alone, but for one named as the edited copy of another.
+
+    Parameters
+    ----------
+    source : path or iterable of path
+        Folders, of which everything else than photographs is passed over, and files.
+
+    Returns
+    -------
+    pairs : list of Pair
+        Those of a folder in natural order (img9 before img10), files as given. Their names are as short as tells them
+        apart: without the extension, with it, or with folders before it.
+    problems : list of Problem
+    """
+    groups: dict[str, list[Path]] = defaultdict(list)
+    problems: list[Problem] = []
+    for path in list_photographs(source):
+        if path.suffix.lower() in IMAGE_SUFFIXES | RAW_SUFFIXES:
+            groups[_key(path)].append(path)
+        else:
+            problems.append(Problem(path, f"{path.name} is neither RAW nor {IMAGES} by its extension"))
+    if any(_is_raw(path) for group in groups.values() for path in group):
+        found = [_pair(paths) for group in groups.values() for paths in _by_folder(group)]
+    else:
+        found = [_alone(path, groups) for group in groups.values() for path in group]
+    pairs = [each for each in found if isinstance(each, Pair)]
+    problems += [problem for each in found if not isinstance(each, Pair) for problem in each]
+    names = _names([pair.jpeg for pair in pairs])
+    return [replace(pair, name=name) for pair, name in zip(pairs, names, strict=True)], problems
+
+
+def list_photographs(source: Source) -> list[Path]:
+    """Return the files that are given, and those of folders that are photographs by their extension."""
+    files: list[Path] = []
+    for path in map(Path, [source] if isinstance(source, str | Path) else source):
+        if path.is_dir():
+            known = (inner for inner in path.iterdir() if inner.suffix.lower() in IMAGE_SUFFIXES | RAW_SUFFIXES)
+            shown = (inner for inner in known if inner.is_file() and not inner.name.startswith("."))
+            files += sorted(shown, key=_natural)
+        else:
+            files.append(path)
+    return list(dict.fromkeys(files))
+
+
+def _is_raw(path: Path) -> bool:
+    return path.suffix.lower() in RAW_SUFFIXES
+
+
+def _folded(name: str) -> str:
+    # File systems differ in how they write é; the names of a pair must still be the same.
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def _key(path: Path) -> str:
+    return _PIXEL_PART.sub("", _folded(path.stem))
+
+
+def _natural(path: Path) -> tuple[list[str | int], str]:
+    parts = re.split(r"([0-9]+)", _folded(path.name))
+    return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    names = [unicodedata.normalize("NFC", path.stem) for path in paths]
+    for length in range(1, max((len(path.parts) for path in paths), default=0) + 1):
+        counts = Counter(names)
+        longer = ["/".join(path.parts[-length:]) for path in paths]
+        names = [name if counts[name] == 1 else long for name, long in zip(names, longer, strict=True)]
+    return names
+
+
+def _by_folder(paths: list[Path]) -> Iterable[list[Path]]:
+    """Divide files of one name by their folders, unless they are one RAW file and one image."""
+    folders: dict[Path, list[Path]] = defaultdict(list)
+    for path in paths:
+        folders[path.parent].append(path)
+    return [paths] if len(paths) == 2 and _is_raw(paths[0]) != _is_raw(paths[1]) else folders.values()
+
+
+def _alone(path: Path, groups: dict[str, list[Path]]) -> Pair | list[Problem]:
+    if (original := groups.get(_EDITED.sub("", _key(path)), [path])[0]) in groups[_key(path)]:
+        return Pair("", path)
+    return [Problem(path, f"{path.name} is an edited copy of {original.name} by its name")]
+
+
+def _pair(paths: list[Path]) -> Pair | list[Problem]:
+    raws = [path for path in paths if _is_raw(path)]
+    images = [path for path in paths if not _is_raw(path)]
+    jpegs = [path for path in images if path.suffix.lower() in (".jpg", ".jpeg", ".jpe")]
+    if len(raws) == 1 and 1 in (len(images), len(jpegs)):
+        return Pair("", (images if len(images) == 1 else jpegs)[0], raws[0])
+    if len(raws) > 1 or len(images) > 1:
+        files = ", ".join(sorted(path.name for path in paths))
+        return [Problem(path, f"{path.name} has more than one partner among {files}") for path in paths]
+    missing = "RAW file" if images else "JPEG"
+    return [Problem(path, f"{path.name} has no {missing} of the same name") for path in paths]
+
+
+def plan_photographs(
+    source: Source, exposures: Exposures = None, paired: bool = True, white_level: int | None = None
+) -> Plan:
+    """Put photographs in order and find their exposures, and the white level of those of 16 bits.
+
+    An ISO speed or f-number that files do not tell is taken as constant, if all that tell it agree. Where no file tells
+    a time but every name does (or that of its folder), as in ``a_1_60s.png``, ``b-1-60sec.png``, ``4ms/a.png``
+    and ``a 0.5s.tif``, the names count. Of several camera models the one with most photographs is kept.
+
+    Parameters
+    ----------
+    source
+        As in `pair_photographs`.
+    exposures : sequence, text or path, optional
+        Times above 0, one a photograph in their order: numbers or fractions such as "1/60", or one text of them with
+        commas. "names": those in the names, ``1_60.jpg`` among them. Or a file of times, or of lines with a name and,
+        last, its time (1/time if it is called ``list.txt``, as OpenCV's); ``#`` begins a comment. By default EXIF's.
+    paired : bool
+        Whether RAW files are paired with images; else images alone are taken.
+    white_level : int, optional
+        As in `crfbench.camera.read_image`; by default it is guessed (`find_white_level`).
+    """
+    given = [source] if isinstance(source, str | Path) else list(source)
+    files = list_photographs(given)
+    pairs, problems = pair_photographs(files if paired else [path for path in files if not _is_raw(path)])
+    times, notes = _given_times(exposures, pairs)
+    exifs = []
+    for pair in pairs:
+        try:
+            exifs.append(WORKER.run(read_exif, pair.jpeg))
+        except FormatError as error:
+            exifs.append(Exif())
+            problems.append(Problem(pair.jpeg, str(error)))
+    if times is None and not any(exif.exposure_time for exif in exifs):
+        named = _named_times(pairs)
+        if not np.isnan(named).any():
+            times, notes = named, ["no file tells its exposure time by EXIF; the times are those in the names"]
+    if times is None:
+        times, stops = np.array([exif.exposure_time or np.nan for exif in exifs]), exposure_steps(exifs)
+        notes = _constants(exifs) if np.isfinite(stops).any() else []
+    else:
+        stops = exposure_steps([Exif(time) for time in times.tolist()])
+    if white_level is None:
+        white_level, guess = find_white_level([pair.jpeg for pair in pairs])
+        notes = notes + guess
+    plan = Plan(pairs, exifs, times, stops, [], notes, white_level).without(problems)
+    return plan.without([*_other_cameras(plan), *(_passed_over(given, files) if len(pairs) < 2 else ())])
+
+
+def exposure_steps(exifs: Sequence[Exif]) -> Array:
+    """Return exposures in stops relative to the first photograph that tells its own.
+
+    A stop more is twice the light: log2(t ISO / N^2) with exposure time t, f-number N. NaN where one is missing, but
+    for an ISO speed or f-number on which all that tell it agree: it counts as constant.
+    """
+    stated = [(e.exposure_time or np.nan, e.iso or np.nan, e.f_number or np.nan) for e in exifs]
+    time, *others = np.array(stated, dtype=np.float64).reshape(-1, 3).T
+    iso, f_number = (each if len(np.unique(each[~np.isnan(each)])) > 1 else np.ones_like(time) for each in others)
+    return _relative(np.log2(time * iso / f_number**2))
+
+
+def _relative(stops: Array) -> Array:
+    known = stops[np.isfinite(stops)]
+    return np.asarray(stops - known[0]) if known.size else stops
+
+
+def _constants(exifs: Sequence[Exif]) -> list[str]:
+    """Say what some files do not tell and counts as constant."""
+    kinds = {"ISO speed": [exif.iso for exif in exifs], "f-number": [exif.f_number for exif in exifs]}
+    return [
+        f"{values.count(None)} of {len(values)} files do not tell the {kind}, which is taken as constant"
+        for kind, values in kinds.items()
+        if None in values and len(set(values)) <= 2
+    ]
+
+
+def _other_cameras(plan: Plan) -> list[Problem]:
+    """Name the photographs of other cameras than the one with most."""
+    models = Counter(exif.model for exif in plan.exifs if exif.model)
+    most = max(models, key=models.__getitem__, default="")
+    return [
+        Problem(
+            pair.jpeg, f"{pair.jpeg.name} is by {exif.model}, and {models[most]} are by {most}; calibrate one camera"
+        )
+        for pair, exif in zip(plan.pairs, plan.exifs, strict=True)
+        if exif.model not in (None, most)
+    ]
+
+
+def _passed_over(given: Iterable[str | Path], files: list[Path]) -> list[Problem]:
+    """Name what lies in folders beside the photographs."""
+    inner = [file for path in map(Path, given) if path.is_dir() for file in sorted(path.iterdir())]
+    reason = f"is neither RAW nor {IMAGES} by its extension"
+    return [Problem(path, f"{path.name} {reason}") for path in inner if path not in files and path.name[0] != "."]
+
+
+def _given_times(exposures: Exposures, pairs: Sequence[Pair]) -> tuple[Array | None, list[str]]:
+    """Return the times that are given, NaN where a list has none for a photograph, and how the list was read."""
+    if exposures is None:
+        return None, []
+    if isinstance(exposures, str) and exposures == "names":
+        return _named_times(pairs, bare=True), []
+    names = [pair.jpeg.name for pair in pairs]
+    if not isinstance(exposures, str | Path):
+        return as_times(exposures, names), []
+    if not Path(exposures).is_file():
+        return as_times(str(exposures).split(","), names), []
+    return _listed_times(Path(exposures), pairs)
+
+
+def _named_times(pairs: Sequence[Pair], bare: bool = False) -> Array:
+    """Return the seconds that names tell, of files or else, where there are several, of folders; NaN where none does.
+
+    A whole name such as 1_60 may be a number in a row too, and counts only if `bare`.
+    """
+    stems = (re.sub(r"^(1[-_]\d+)$", r"\1s", pair.jpeg.stem) if bare else pair.jpeg.stem for pair in pairs)
+    folders = [pair.jpeg.parent.name for pair in pairs]
+    several = len(set(folders)) > 1
+    both = zip(stems, folders, strict=True)
+    return np.array([_named_time(stem) or (several and _named_time(folder)) or np.nan for stem, folder in both])
+
+
+def _named_time(name: str) -> float | None:
+    found = _TIME.findall(name.lower())
+    if len(found) != 1:
+        return None
+    one, under, number, unit = found[0]
+    return 1 / int(under) if one and int(under) else float(number or 0) / _PER_SECOND[unit]
+
+
+def _listed_times(path: Path, pairs: Sequence[Pair]) -> tuple[Array, list[str]]:
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    lines = [line for line in (line.partition("#")[0].strip(" \t,;") for line in text.splitlines()) if line]
+    rows = [re.split(r"[\s,;]+", line) for line in lines]
+    if len(rows) == 1 or all(len(row) == 1 for row in rows):
+        return as_times([time for row in rows for time in row], [pair.jpeg.name for pair in pairs]), []
+    times = {}
+    for line, row in zip(lines, rows, strict=True):
+        # A name may hold spaces, and between name and time other columns may stand.
+        whole = line.removesuffix(row[-1]).rstrip(" \t,;")
+        times[_folded(whole)] = times[_folded(row[0])] = _seconds(row[-1])
+    keys = ([_folded(name) for name in (pair.jpeg.name, pair.name, pair.jpeg.stem)] for pair in pairs)
+    found = np.array([next((times[key] for key in each if key in times), np.nan) for each in keys])
+    if np.isnan(found).all():
+        names = ", ".join(pair.jpeg.name for pair in pairs)
+        raise InputError(f"{path.name} names none of the photographs ({names}); use a line a photograph: name time")
+    inverse = path.name.lower() == "list.txt"
+    read = "1/time, as in OpenCV's list.txt" if inverse else "time"
+    return (1 / found if inverse else found), [f"{path.name} is read as lines of name and {read}"]
+
+
+def as_times(exposures: Any, names: list[str]) -> Array:
+    """Return the exposure times of the photographs of those names; one is above 0 for each, or `InputError`."""
+    if isinstance(exposures, Sequence) and any(isinstance(each, str) for each in exposures):
+        exposures = [_seconds(each) for each in exposures]
+    times = as_numbers("exposures", exposures)
+    if times.shape != (len(names),) or not (np.isfinite(times) & (times > 0)).all():
+        photographs = f"{len(names)} photographs ({', '.join(names)})"
+        raise InputError(f"exposures={times.tolist()} do not match {photographs}; use one time above 0 for each")
+    return times
+
+
+def _seconds(text: Any) -> float:
+    over, _, under = str(text).strip().removesuffix("s").partition("/")
+    with suppress(ValueError, ZeroDivisionError):
+        time = float(over) / float(under or 1)
+        if 0 < time < np.inf:
+            return time
+    kinds = "times above 0 such as 0.5 or 1/60, a file of them that is there, exif or names"
+    raise InputError(f"{str(text)[:40]!r} is not an exposure time; use {kinds}")
+
+
+def _as_text(time: float) -> str:
+    part = round(1 / time) if 0 < time < 0.5 else 1
+    return "unknown" if np.isnan(time) else f"1/{part}" if part > 1 and abs(time * part - 1) < 0.01 else f"{time:.3g}"
+
+
+def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
+    """Guess the white level of images with 16 bits a value from their greatest level, and say so.
+
+    Where that is the greatest number of 10, 12 or 14 bits, or up to a tenth less and held by a thousandth of all
+    values of an image, as saturated ones are, it is white. None means 65535.
+    """
+    tops = [(0, 0.0)]
+    for path in paths:
+        with suppress(FormatError):  # what is damaged is named where its pixels are needed
+            tops.append(WORKER.run(top_level, path))
+    level, share = max(tops)
+    for full in (1023, 4095, 16383):
+        if level == full or (0.9 * full < level < full and share >= 1e-3):
+            return level, [f"values of 16 bits end at {level}, which is taken as white; --white-level sets another"]
+    unsure = f"values of 16 bits end at {level}; if white is lower than 65535, give --white-level"
+    return None, [unsure] if 0 < level < 16383 else []
+
+
+def read_series(
+    paths: Source, exposures: Exposures = None, white_level: int | None = None
+) -> tuple[list[NDArray[Any]], Array, list[Problem]]:
+    """Read the photographs of an exposure series; what cannot be read, or is unlike most, is left out.
+
+    Parameters
+    ----------
+    paths : path or iterable of path
+        A folder or files, as `crfbench.camera.read_image` takes them.
+    exposures : optional
+        Times, one a path, as `plan_photographs` takes them; by default time, f-number and ISO speed by EXIF.
+    white_level : int, optional
+        As in `crfbench.camera.read_image`.
+
+    Returns
+    -------
+    images : list of ndarray, shape (h, w, 3) or (h, w)
+        8 or 16 bits.
+    stops : ndarray, shape (e,)
+        Relative to the first photograph that was read.
+    problems : list of Problem
+    """
+    images, plan = read_planned(plan_photographs(paths, exposures, paired=False, white_level=white_level))
+    return images, plan.stops, plan.problems
+
+
+def read_planned(plan: Plan) -> tuple[list[NDArray[Any]], Plan]:
+    """Read the images of a plan; what is a `FormatError`, not exposed as told or unlike most is left out and named."""
+    images: dict[Path, NDArray[Any]] = {}
+    problems = []
+    for pair, stop in zip(plan.pairs, plan.stops, strict=True):
+        try:
+            if np.isnan(stop):
+                raise FormatError(
+                    f"{pair.jpeg.name} does not tell its exposure; give times (--exposures 1/60,1/30,...)"
+                )
+            images[pair.jpeg] = WORKER.run(read_levels, pair.jpeg, plan.white_level)
+        except FormatError as error:
+            problems.append(Problem(pair.jpeg, str(error)))
+    kinds = {path: _kind(image) for path, image in images.items()}
+    most = max(kinds.values(), key=list(kinds.values()).count, default="")
+    odd = [path for path, kind in kinds.items() if kind != most]
+    problems += [Problem(path, f"{path.name} is {kinds[path]}, and most are {most}; use one kind") for path in odd]
+    kept = plan.without(problems)
+    return [images[pair.jpeg] for pair in kept.pairs], kept
+
+
+def _kind(image: NDArray[Any]) -> str:
+    height, width = image.shape[:2]
+    return f"{width} x {height} pixels of {8 * image.itemsize} bits, {'grey' if image.ndim == 2 else 'colour'}"
