@@ -13,22 +13,25 @@ import numpy as np
 
 from crfbench.calibration import decode_table
 from crfbench.calibration.learning import fit_discrepancy
+from crfbench.calibration.mixture import CONTRASTS
 from crfbench.calibration.table import rows_near
 from crfbench.curves import Array
 from crfbench.datasets import load_dorf, load_opencrf
 from crfbench.datasets.responses import group_labels, grouped_folds, near_copies
 from crfbench.files import write_atomically
 from crfbench.models import MODELS, SLR, Kernel, ModelKey, ResponseModel, bundled_models
-from crfbench.models.discrepancy import Discrepancy, at_knots
+from crfbench.models.discrepancy import LOG_KNOTS, Discrepancy, at_knots
 from crfbench.training import CONFIGS, train
 
+# Channels meet at white.
+WHITE = np.minimum(1.0, -LOG_KNOTS / 0.05)
 TARGET = Path(__file__).parents[1] / "data" / "discrepancies.npz"
 Rows = list[tuple[Array, Array]]
 
 
 def main(folder: Path) -> None:
     shared = kernel_discrepancy()
-    found = {"Kernel-8": shared}
+    found = {"Kernel-8": shared, "channels": channel_difference()}
     for key in bundled_models():
         if key.direction == "inverse" and key.family != Kernel.name:
             found[str(key)] = model_discrepancy(key, folder).blended(shared)
@@ -50,6 +53,18 @@ def kernel_discrepancy(with_open: bool = True) -> Discrepancy:
     others = [labels != label for label in labels]
     rows = [(x[keep], np.log(weight[keep] / weight[keep].sum())) for keep in others]
     return fit_discrepancy(x, rows, weight)
+
+
+def channel_difference() -> Discrepancy:
+    """Learn the contrasts of red, green and blue of films; half of the weight is next to none, as of most cameras."""
+    responses = load_opencrf()
+    logs, units = at_knots(responses.in_direction("inverse")), np.array(responses.units)
+    films = [logs[units == unit] for unit in dict.fromkeys(responses.units)]
+    contrasts = np.concatenate([CONTRASTS.T @ film for film in films if len(film) == 3])
+    nothing = np.zeros((1, contrasts.shape[1])), np.zeros(1)
+    found = fit_discrepancy(contrasts, [nothing] * len(contrasts), np.ones(len(contrasts)))
+    alike = np.arange(len(found.scale_weight)) == 0
+    return Discrepancy(found.factor * WHITE[:, None], 0.5 * found.scale_weight + 0.5 * alike)
 
 
 def model_discrepancy(key: ModelKey, folder: Path) -> Discrepancy:

@@ -16,6 +16,7 @@ from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
+from crfbench.models.registry import channel_difference
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -135,6 +136,7 @@ def calibrate(
     method: str = "map",
     *,
     discrepancy: bool = True,
+    channels: bool = False,
     noise: Noise | None = None,
     offset: bool = True,
     starts: int = 10,
@@ -157,6 +159,9 @@ def calibrate(
     discrepancy : bool
         Whether "map" and "posterior" allow for what the model misses of real curves, as its `discrepancy_` tells; else
         the curve is one of the model's own.
+    channels : bool
+        Whether the sets are red, green and blue of one camera after another. Their curves then share what the data do
+        not tell apart; for "map" and "posterior" with discrepancy.
     noise : Noise, optional
         For "map" and "posterior".
     offset : bool
@@ -174,6 +179,11 @@ def calibrate(
     """
     noise = Noise() if noise is None else noise
     _check(model, observations, method, noise, table)
+    if channels and (len(observations) % 3 or not discrepancy or method not in ("map", "posterior")):
+        raise InputError(
+            f"channels=True with {len(observations)} sets, method={method!r} and discrepancy={discrepancy}; "
+            "use 3 sets a camera, 'map' or 'posterior', and discrepancy=True"
+        )
     check_count("starts", starts)
     check_seed(seed)
     began = time.perf_counter()
@@ -186,7 +196,10 @@ def calibrate(
         z = minimise(loss.objective(model), table, loss.on_table(table))
     elif discrepancy:
         table = table or decode_table(model, seed=seed)
-        z, curves, scale, samples = marginalised(model, observations, noise, table, seed, method == "posterior")
+        difference = channel_difference() if channels else None
+        z, curves, scale, samples = marginalised(
+            model, observations, noise, table, seed, method == "posterior", difference
+        )
     else:
         posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
         logs = posterior.log_likelihood_on(table)

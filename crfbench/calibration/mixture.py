@@ -16,6 +16,10 @@ readings and y = o - mu(b): A = G'PG, h = G'Py, B'AB = U diag(l) U', and for k =
     z_i | ...  ~  N(k^2 y_ci / (1 + k^2 l_i), a^2 / (1 + k^2 l_i)),   v = v_c + B U z
 
 One Gram matrix and one eigenbasis for each ratio serve all components, scales and noise levels.
+
+Channels of one camera share v: channel c has v + H_c1 F w_1 + H_c2 F w_2 in its place, with H the orthonormal contrasts
+of red, green and blue, F what channels differ by and w ~ N(0, (a q)^2 I). The state is then (v, w_1, w_2), and the Gram
+matrices of the channels add up.
 """
 
 from dataclasses import dataclass, replace
@@ -23,6 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import log_ndtr, logsumexp
 
 from crfbench.calibration.observations import Observations
@@ -36,12 +41,9 @@ from crfbench.models.discrepancy import SCALES, Discrepancy, at_knots, between_k
 Indices = NDArray[np.intp]
 
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
-_RANK = 24  # of the basis; what is finer is `_FINE`
-_FINE = 0.03  # standard deviation of log irradiance at each reading, of what is too fine for the basis
+_RANK = 24  # of the basis; what is finer is `Noise.fine`
 _POWER = 0.001  # relative standard deviation of the power that exposures tell
 _MOST_STRETCH = 0.1
-# Of more photographs of one scene each counts for less: light, dirt and glare are the same in all of them.
-_INDEPENDENT = 2.0
 _STEP = 4  # rows
 _TERMS = 256  # of the mixture that are kept for each set
 
@@ -66,6 +68,11 @@ def _level_weights() -> Array:
     return np.asarray(logs - logsumexp(logs))
 
 
+# Contrasts of red, green and blue: orthonormal, and each sums to 0, so that the shared curve is the mean.
+CONTRASTS: Array = np.array([(1, 1), (-1, 1), (0, -2)]) / np.sqrt([2, 6])
+_DIRECTIONS = 4  # by which channels differ
+
+
 class Family(NamedTuple):
     """Components in a low-rank basis, and the discrepancy about each."""
 
@@ -73,8 +80,10 @@ class Family(NamedTuple):
     basis: Array  # shape (64, r)
     components: Array  # shape (1 or n, c, r)
     log_weight: Array  # shape (1 or n, c)
-    factor: Array  # shape (r, r); B
     scale_weight: Array  # shape (a,)
+    factors: Array  # shape (q, s, s); B, or with channels diag(B, q I) for every scale q of their difference
+    channel_weight: Array  # shape (q,)
+    maps: Array  # shape (channels, r, s); from the state to each channel's v
 
     @classmethod
     def of(cls, logs: Array, log_weight: Array, discrepancy: Discrepancy) -> "Family":
@@ -85,20 +94,31 @@ class Family(NamedTuple):
         basis = np.linalg.eigh(spread)[1][:, ::-1][:, :_RANK]
         values, vectors = np.linalg.eigh(basis.T @ kernel @ basis)
         factor = vectors * np.sqrt(np.maximum(values, 0.0))
-        return cls(mean, basis, ((logs - mean) @ basis)[None], log_weight[None], factor, discrepancy.scale_weight)
+        components, alone = ((logs - mean) @ basis)[None], np.eye(basis.shape[1])[None]
+        weights = discrepancy.scale_weight, factor[None], np.ones(1)
+        return cls(mean, basis, components, log_weight[None], *weights, alone)
 
     def with_components(self, logs: Array, log_weight: Array) -> "Family":
         """Return the family with components (n, c, 64) and log weights (n, c) for each set of observations."""
         return self._replace(components=(logs - self.mean) @ self.basis, log_weight=log_weight)
 
+    def with_channels(self, difference: Discrepancy) -> "Family":
+        """Return the family of three channels that differ so; sets of observations are then theirs, in turn."""
+        project = self.basis.T @ difference.factor[:, -_DIRECTIONS:]
+        eye, more = np.eye(len(project)), 2 * _DIRECTIONS
+        maps = np.stack([np.hstack([eye, *(h * project for h in contrast)]) for contrast in CONTRASTS])
+        factors = np.stack([block_diag(self.factors[0], scale * np.eye(more)) for scale in SCALES])
+        components = np.pad(self.components, [(0, 0), (0, 0), (0, more)])
+        return self._replace(components=components, factors=factors, channel_weight=difference.scale_weight, maps=maps)
+
 
 class _Eliminated(NamedTuple):
-    """What the data say in the basis for one ratio, and how the unknowns follow from it."""
+    """What the data say in the basis for one ratio, and how the unknowns follow from it; m cameras of n sets."""
 
-    a: Array  # shape (n, r, r)
-    h: Array  # shape (n, r)
-    square: Array  # shape (n,)
-    log_det: Array  # shape (n,)
+    a: Array  # shape (m, s, s)
+    h: Array  # shape (m, s)
+    square: Array  # shape (m,)
+    log_det: Array  # shape (m,)
     exposures: Array  # shape (n, e, r + 1)
     references: Array  # shape (n, p, r + 1)
     share: Array  # shape (n, p); variance that is left of each reference's error
@@ -109,15 +129,15 @@ class Readings:
 
     def __init__(self, observations: Observations, noise: Noise, family: Family) -> None:
         b = observations.brightness
-        self.observations, self.noise = observations, noise
-        self.independent = min(1.0, _INDEPENDENT / b.shape[1])
+        self.observations, self.noise, self.maps = observations, noise, family.maps
+        self.independent = min(1.0, noise.repeats / b.shape[1])
         self.weights = observations.weights * self.independent
         self.columns = between_knots(np.concatenate([family.basis, family.mean[:, None]], axis=1), b)
         stretched = log_offset(observations) * self._stretch()[:, None, None]
         self.columns[..., -1] = stretched - self.columns[..., -1]
         steep = typical_slope(b)
         read = (steep * noise.brightness / np.maximum(b, 1 / 255)) ** 2
-        self.variance = read + _FINE**2
+        self.variance = read + noise.fine**2
         self.precision = observations.counts * self.weights / self.variance
         counted = observations.counts * self.weights
         self.freedom = self._degrees()
@@ -197,8 +217,15 @@ class Readings:
         gram = np.swapaxes(flat, 1, 2) @ flat - np.swapaxes(scaled, 1, 2) @ scaled - np.swapaxes(h, 1, 2) @ exposures
         log_det = np.log(errors / share).sum(axis=1) + np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
         references = share[..., None] * (by_patch - np.swapaxes(w, 1, 2) @ exposures)
-        square = np.maximum(gram[:, -1, -1], 0.0)
-        return _Eliminated(gram[:, :-1, :-1], gram[:, :-1, -1], square, log_det, exposures, references, share)
+        a, maps = gram[:, :-1, :-1].reshape(-1, len(self.maps), k - 1, k - 1), self.maps
+        coupled = (np.swapaxes(maps, 1, 2) @ a @ maps).sum(axis=1)
+        h_coupled = np.einsum("mcr,crs->ms", gram[:, :-1, -1].reshape(a.shape[:3]), maps)
+        square = self.by_camera(np.maximum(gram[:, -1, -1], 0.0))
+        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share)
+
+    def by_camera(self, values: Array) -> Array:
+        """Sum over the channels of each camera, (n,) to (m,)."""
+        return np.asarray(values.reshape(-1, len(self.maps)).sum(axis=1))
 
     def told(self) -> list[tuple[int, Indices, Any, float]]:
         """Return the clipped patches that say most: of each photograph the dimmest white and the brightest black one.
@@ -226,15 +253,15 @@ class Readings:
 class _Solved(NamedTuple):
     """The posterior in the eigenbasis of one ratio."""
 
-    values: Array  # shape (n, r); l
-    root: Array  # shape (n, r, r); B U
-    y: Array  # shape (n, r, c)
-    square: Array  # shape (n, c); R
+    values: Array  # shape (m, s); l
+    root: Array  # shape (m, s, s); B U
+    y: Array  # shape (m, s, c)
+    square: Array  # shape (m, c); R
 
 
-def _diagonalised(found: _Eliminated, family: Family) -> _Solved:
-    values, vectors = np.linalg.eigh(family.factor.T @ found.a @ family.factor)
-    root = family.factor @ vectors
+def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
+    values, vectors = np.linalg.eigh(factor.T @ found.a @ factor)
+    root = factor @ vectors
     v = np.swapaxes(family.components, 1, 2)
     left = found.h[..., None] - found.a @ v
     square = found.square[:, None] - (v * (found.h[..., None] + left)).sum(axis=1)
@@ -249,37 +276,37 @@ def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) ->
         spread = 1.0 + k2 * solved.values[:, None]
         gained = (k2 / spread) @ squared
         each = -0.5 / level**2 * (solved.square[:, None] - gained) - 0.5 * np.log(spread).sum(axis=2)[..., None]
-        logs.append(each - (readings.freedom * np.log(level))[:, None, None])
-    return np.asarray(np.stack(logs, axis=1) + (readings.constant - 0.5 * found.log_det)[:, None, None, None])
+        logs.append(each - (readings.by_camera(readings.freedom) * np.log(level))[:, None, None])
+    constant = readings.by_camera(readings.constant) - 0.5 * found.log_det
+    return np.asarray(np.stack(logs, axis=1) + constant[:, None, None, None])
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """The posterior of log irradiance at the knots: equally likely terms, each a normal distribution."""
+    """The posterior of log irradiance at the knots, for m cameras of n sets: terms, each a normal distribution."""
 
     family: Family
-    unconstrained: Array  # shape (1 or n, c, k); parameters of the components
-    best: Array  # shape (n, k); those of the component that is most probable
-    which: tuple[Indices, ...]  # ratio, level, scale and component of each term, (n, t) each
-    z: Array  # shape (n, t, r); mean of the discrepancy in the coordinates of `root`
-    deviation: Array  # shape (n, t, r); its standard deviation
-    root: Array  # shape (n, ratios, r, r); B U
-    weight: Array  # shape (n, t); by clipped patches
-    log_evidence: Array  # shape (n,)
+    unconstrained: Array  # shape (1 or m, c, k); parameters of the components
+    best: Array  # shape (m, k); those of the component that is most probable
+    which: tuple[Indices, ...]  # ratio with scale of channels, level, scale and component of each term, (m, t) each
+    z: Array  # shape (m, t, s); mean of the discrepancy in the coordinates of `root`
+    deviation: Array  # shape (m, t, s); its standard deviation
+    root: Array  # shape (m, ratios x q, s, s); B U
+    weight: Array  # shape (m, t); by clipped patches
+    log_evidence: Array  # shape (m,)
 
     @property
     def noise_level(self) -> Array:
-        """By which factor the data scale the stated noise, of readings or of the rest, whichever is more, (n,)."""
-        scale = _LEVELS[self.which[1]] * np.maximum(_RATIOS[self.which[0]], 1.0)
+        """By which factor the data scale the stated noise, of readings or of the rest, whichever is more, (m,)."""
+        ratio = _RATIOS[self.which[0] // len(self.family.factors)]
+        scale = _LEVELS[self.which[1]] * np.maximum(ratio, 1.0)
         return np.asarray(np.exp((self.weight * np.log(scale)).sum(axis=1)))
 
     def middle(self) -> Array:
         """Return the median of log irradiance at the knots, (n, 64), of the most probable curves of some terms."""
-        return np.minimum(np.median(np.sort(self._even(_TERMS // 4).centres(), axis=2), axis=1), 0.0)
-
-    def centres(self) -> Array:
-        """Return each term's mean of log irradiance at the knots, (n, t, 64)."""
-        return self._at(self.z) + self.family.mean + self.of_terms(self.family.components) @ self.family.basis.T
+        chosen = self._even(_TERMS // 4)
+        logs = self._at_knots(chosen.of_terms(self.family.components) + chosen._state(chosen.z))
+        return np.minimum(np.median(np.sort(logs, axis=2), axis=1), 0.0)
 
     def draw(self, seed: int) -> PosteriorSamples:
         """Draw rising curves, all equally likely.
@@ -289,26 +316,33 @@ class Mixture:
         """
         chosen = self._even(_TERMS // 2)
         normal = np.random.default_rng(seed).standard_normal(chosen.z.shape[1:])
-        centre, off = chosen.centres(), chosen._at(chosen.deviation * normal)
+        centre = chosen.of_terms(self.family.components) + chosen._state(chosen.z)
+        off = chosen._state(chosen.deviation * normal)
         # Each draw with its mirror image: the mean of the draws is then that of the terms.
-        logs = np.minimum(np.sort(np.concatenate([centre + off, centre - off], axis=1), axis=2), 0.0)
+        logs = np.minimum(np.sort(self._at_knots(np.concatenate([centre + off, centre - off], axis=1)), axis=2), 0.0)
         curves = from_knots(logs.astype(np.float32))
         order = np.argsort(np.swapaxes(curves[:, :, BAND_SAMPLES], 1, 2), axis=2)
-        z = np.concatenate([chosen.of_terms(self.unconstrained)] * 2, axis=1)
-        return PosteriorSamples(z, curves, order, np.full(z.shape[:2], 1.0 / z.shape[1]), self.log_evidence)
+        channels = len(self.family.maps)
+        z = np.repeat(np.concatenate([chosen.of_terms(self.unconstrained)] * 2, axis=1), channels, axis=0)
+        evidence = np.repeat(self.log_evidence, channels)
+        return PosteriorSamples(z, curves, order, np.full(z.shape[:2], 1.0 / z.shape[1]), evidence)
 
     def of_terms(self, components: Array) -> Array:
-        """Return what belongs to the component of each term, (1 or n, c, k) to (n, t, k)."""
+        """Return what belongs to the component of each term, (1 or m, c, k) to (m, t, k)."""
         sets = np.arange(len(self.z))[:, None] if len(components) > 1 else 0
         return np.asarray(components[sets, self.which[3]])
 
-    def _at(self, z: Array) -> Array:
-        """Return what discrepancies of each term are at the knots."""
-        out = np.zeros((*z.shape[:2], len(self.family.mean)))
-        for j in range(self.root.shape[1]):
-            across = np.swapaxes(self.family.basis @ self.root[:, j], 1, 2)
-            out += ((self.which[0] == j)[..., None] * z) @ across
+    def _state(self, z: Array) -> Array:
+        """Return the state of discrepancies (m, t, s) in the coordinates of `root`."""
+        out = np.zeros_like(z)
+        for j in np.unique(self.which[0]):
+            out += ((self.which[0] == j)[..., None] * z) @ np.swapaxes(self.root[:, j], 1, 2)
         return out
+
+    def _at_knots(self, state: Array) -> Array:
+        """Return log irradiance at the knots of the channels of states (m, t, s), (n, t, 64)."""
+        logs = state[:, None] @ np.swapaxes(self.family.basis @ self.family.maps, 1, 2) + self.family.mean
+        return logs.reshape(-1, *logs.shape[2:])
 
     def _even(self, count: int) -> "Mixture":
         """Return so many terms in proportion to their weight, all alike then; only for drawing."""
@@ -319,12 +353,18 @@ class Mixture:
 
 
 def marginalised(
-    model: ResponseModel, observations: Observations, noise: Noise, table: Table, seed: int, with_samples: bool
+    model: ResponseModel,
+    observations: Observations,
+    noise: Noise,
+    table: Table,
+    seed: int,
+    with_samples: bool,
+    difference: Discrepancy | None,
 ) -> tuple[Array, Array, Array, PosteriorSamples | None]:
     """Return what a model with prior and discrepancy makes of `n` sets of observations.
 
     The unconstrained parameters of the most probable component (n, k), the curves (n, 1024), by which factor the data
-    scale the noise of readings (n,), and samples, if asked for.
+    scale the noise of readings (n,), and samples, if asked for. With a `difference`, sets are the channels of cameras.
     """
     if model.discrepancy_ is None:
         raise InputError(f"{model!r} has no discrepancy; use learn_discrepancy(model, curves) or discrepancy=False")
@@ -334,16 +374,17 @@ def marginalised(
     family = Family.of(logs, log_weight - logsumexp(log_weight), model.discrepancy_)
     near = model.n_params > 1 and learned_prior(model).centres is None
     rows = len(logs) + (N_NEARBY if near else 0)
-    found = []
-    for sets in chunks(len(observations), len(_RATIOS) * len(_LEVELS) * len(SCALES) * rows):
-        some, z, own = observations.of_sets(sets), table.unconstrained[None, step], family
+    channels, found = 1 if difference is None else 3, []
+    for cameras in chunks(len(observations) // channels, len(_RATIOS) * len(_LEVELS) * len(SCALES) * rows):
+        some = observations.of_sets(slice(cameras.start * channels, cameras.stop * channels))
+        z, own = table.unconstrained[None, step], family
         if near:
-            z, own = _with_near_rows(model, some, noise, table, family, seed)
-        mixture = solve(some, noise, own, z)
+            z, own = _with_near_rows(model, some.of_sets(slice(None, None, channels)), noise, table, family, seed)
+        mixture = solve(some, noise, own if difference is None else own.with_channels(difference), z)
         samples = mixture.draw(seed) if with_samples else None
         curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
-        found.append((mixture.best, curves, mixture.noise_level, samples))
-    best, curves, scale, parts = zip(*found, strict=True)
+        found.append((*(np.repeat(a, channels, axis=0) for a in (mixture.best, mixture.noise_level)), curves, samples))
+    best, scale, curves, parts = zip(*found, strict=True)
     joined = PosteriorSamples.concatenated(parts) if with_samples else None
     return np.concatenate(best), np.concatenate(curves), np.concatenate(scale), joined
 
@@ -360,16 +401,20 @@ def _with_near_rows(
 
 
 def solve(observations: Observations, noise: Noise, family: Family, unconstrained: Array) -> Mixture:
-    """Return the posterior of every set of observations; components have those parameters (1 or n, c, k)."""
+    """Return the posterior of every set of observations; components have those parameters (1 or m, c, k)."""
     readings = Readings(observations, noise, family)
     found = [readings.eliminate(ratio) for ratio in _RATIOS]
-    solved = [_diagonalised(each, family) for each in found]
-    logs = np.stack([_log_probability(f, s, readings) for f, s in zip(found, solved, strict=True)], axis=1)
-    logs += _level_weights()[None, :, :, None, None]
+    pairs = [(each, factor) for each in found for factor in family.factors]
+    solved = [_diagonalised(each, factor, family) for each, factor in pairs]
+    logs = np.stack([_log_probability(f, s, readings) for (f, _), s in zip(pairs, solved, strict=True)], axis=1)
+    logs += (_level_weights()[:, None] + np.log(family.channel_weight)[:, None]).reshape(-1, len(_LEVELS))[
+        ..., None, None
+    ]
     logs += np.log(family.scale_weight)[:, None] + family.log_weight[:, None, None, None]
     mixture = _terms(logs, solved, family, unconstrained)
     for patch in readings.told():
-        mixture = _with_clipped(mixture, readings, found, patch)
+        for channel in range(len(family.maps)):
+            mixture = _with_clipped(mixture, readings, found, patch, channel)
     total = mixture.weight.sum(axis=1)
     evidence = mixture.log_evidence + np.log(total)
     return replace(mixture, weight=mixture.weight / total[:, None], log_evidence=evidence)
@@ -395,21 +440,27 @@ def _terms(logs: Array, solved: list[_Solved], family: Family, unconstrained: Ar
 
 
 def _with_clipped(
-    mixture: Mixture, readings: Readings, found: list[_Eliminated], patch: tuple[int, Indices, NDArray[np.bool_], float]
+    mixture: Mixture,
+    readings: Readings,
+    found: list[_Eliminated],
+    patch: tuple[int, Indices, NDArray[np.bool_], float],
+    channel: int,
 ) -> Mixture:
     """Weigh every term by the probability that a clipped patch is clipped, and move its mean to where it is."""
     e, p, told, sign = patch
-    rows, (j, t) = np.arange(len(p)), mixture.which[:2]
-    own = readings.columns[rows, e, p]
-    line = np.stack([own - f.exposures[:, e] - f.references[rows, p] for f in found], axis=1)
-    noise = np.stack([readings.variance[rows, e, p] + f.share[rows, p] for f in found], axis=1)
-    across = (line[:, :, None, :-1] @ mixture.root)[:, :, 0]
-    rows = rows[:, None]
-    here = across[rows, j]
+    sets = np.arange(channel, len(p), len(readings.maps))
+    p, told, (j, t) = p[sets], told[sets], mixture.which[:2]
+    own = readings.columns[sets, e, p]
+    line = np.stack([own - f.exposures[sets, e] - f.references[sets, p] for f in found], axis=1)
+    noise = np.stack([readings.variance[sets, e, p] + f.share[sets, p] for f in found], axis=1)
+    scales, rows = len(mixture.family.factors), np.arange(len(sets))[:, None]
+    state = np.repeat(line[..., :-1] @ readings.maps[channel], scales, axis=1)
+    line, noise = np.repeat(line[..., -1], scales, axis=1), np.repeat(noise, scales, axis=1)
+    here = (state[:, :, None] @ mixture.root)[:, :, 0][rows, j]
     spanned = mixture.deviation**2 * here
     total = np.sqrt(_LEVELS[t] ** 2 * noise[rows, j] + (spanned * here).sum(axis=2))
-    centre = np.einsum("ntr,ntr->nt", line[rows, j, :-1], mixture.of_terms(mixture.family.components))
-    margin = sign * (line[rows, j, -1] - centre - (here * mixture.z).sum(axis=2)) / total
+    centre = np.einsum("mts,mts->mt", state[rows, j], mixture.of_terms(mixture.family.components))
+    margin = sign * (line[rows, j] - centre - (here * mixture.z).sum(axis=2)) / total
     log_p = log_ndtr(margin)
     # phi / Phi, the slope of log Phi, in logarithms because both vanish far out.
     mills = np.exp(np.clip(-0.5 * margin**2 - 0.5 * np.log(2 * np.pi) - log_p, -50, 50))

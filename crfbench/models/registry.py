@@ -133,6 +133,12 @@ def _reading(name: str) -> Iterator["np.lib.npyio.NpzFile"]:
         raise FormatError(f"{name} is damaged ({error}); install crfbench again to restore it") from None
 
 
+def channel_difference() -> Discrepancy:
+    """Load how the channels of one camera differ from their mean."""
+    with _reading(DISCREPANCIES) as learned:
+        return Discrepancy(learned["channels.factor"], learned["channels.scale_weight"])
+
+
 def bundled_models() -> list[ModelKey]:
     """Return the keys of all models: the closed forms, which need a learned prior, then the pretrained networks."""
     sides: tuple[Direction, ...] = ("inverse", "forward")

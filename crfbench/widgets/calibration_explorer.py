@@ -96,7 +96,7 @@ class CalibrationExplorer(anywidget.AnyWidget):
 
     @SyncedTrait
     def method(self, method: object) -> str:
-        """How, as in `calibrate`: "family" is "posterior" without discrepancy; "grid" for one parameter, "lm" for more."""
+        """How, as in `calibrate`; "family" is "posterior" without discrepancy, "lm" for several parameters."""
         return check_choice("method", method, _methods(self.model))
 
     @SyncedTrait
