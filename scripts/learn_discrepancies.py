@@ -17,10 +17,10 @@ from crfbench.calibration.mixture import CONTRASTS
 from crfbench.calibration.table import rows_near
 from crfbench.curves import Array
 from crfbench.datasets import load_dorf, load_opencrf
-from crfbench.datasets.responses import group_labels, grouped_folds, near_copies
+from crfbench.datasets.responses import grouped_folds, near_copies
 from crfbench.files import write_atomically
 from crfbench.models import MODELS, SLR, Kernel, ModelKey, ResponseModel, bundled_models
-from crfbench.models.discrepancy import LOG_KNOTS, Discrepancy, at_knots
+from crfbench.models.discrepancy import LOG_KNOTS, SCALES, Discrepancy, at_knots
 from crfbench.training import CONFIGS, train
 
 # Channels meet at white.
@@ -42,13 +42,9 @@ def main(folder: Path) -> None:
     write_atomically(TARGET, content.getvalue())
 
 
-def kernel_discrepancy(with_open: bool = True) -> Discrepancy:
+def kernel_discrepancy() -> Discrepancy:
     """Take each curve's rows from all curves but its near copies."""
-    responses = [load_dorf(), *([load_opencrf()] if with_open else [])]
-    x = np.concatenate([at_knots(each.in_direction("inverse")) for each in responses])
-    labels = near_copies(responses[0].curves)
-    if with_open:
-        labels = np.concatenate([labels, labels.max() + 1 + group_labels(responses[1].units)])
+    x, labels = at_knots(load_dorf().in_direction("inverse")), near_copies(load_dorf().curves)
     weight = 1.0 / np.sqrt(np.bincount(labels)[labels])
     others = [labels != label for label in labels]
     rows = [(x[keep], np.log(weight[keep] / weight[keep].sum())) for keep in others]
@@ -56,15 +52,18 @@ def kernel_discrepancy(with_open: bool = True) -> Discrepancy:
 
 
 def channel_difference() -> Discrepancy:
-    """Learn the contrasts of red, green and blue of films; half of the weight is next to none, as of most cameras."""
+    """Learn the contrasts of red, green and blue of films.
+
+    Their scales count from the shared discrepancy's, which is small where a family fits, so they reach to 4 times it,
+    with equal weights: most cameras have channels that are alike, and these learned from films say nothing of that.
+    """
     responses = load_opencrf()
     logs, units = at_knots(responses.in_direction("inverse")), np.array(responses.units)
     films = [logs[units == unit] for unit in dict.fromkeys(responses.units)]
     contrasts = np.concatenate([CONTRASTS.T @ film for film in films if len(film) == 3])
     nothing = np.zeros((1, contrasts.shape[1])), np.zeros(1)
     found = fit_discrepancy(contrasts, [nothing] * len(contrasts), np.ones(len(contrasts)))
-    alike = np.arange(len(found.scale_weight)) == 0
-    return Discrepancy(found.factor * WHITE[:, None], 0.5 * found.scale_weight + 0.5 * alike)
+    return Discrepancy(4.0 * found.factor * WHITE[:, None], np.full(len(SCALES), 1.0 / len(SCALES)))
 
 
 def model_discrepancy(key: ModelKey, folder: Path) -> Discrepancy:

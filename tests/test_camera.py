@@ -220,16 +220,18 @@ def test_exposures_alone_and_their_use(tmp_path, truth):
     times = ",".join(str(2.0**stop) for stop in series.stops)
     done = run_command("calibrate", folder, "--chart", "none", "--exposures", times, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    curve = camera.read_response(tmp_path / "out" / "passport.json").curves[0]
-    inverse = invert(truth)
-    scale = (curve @ inverse) / (curve @ curve)
-    assert rmse(scale * curve, inverse) < 0.02
+    curves, inverse = camera.read_response(tmp_path / "out" / "passport.json").curves, invert(truth)
+    assert len(curves) == 3
+    for curve in curves:
+        scale = (curve @ inverse) / (curve @ curve)
+        assert rmse(scale * curve, inverse) < 0.02
     assert (tmp_path / "out" / "merged.exr").stat().st_size > 1000
     linear = tmp_path / "linear.tif"
     args = ("linearise", folder / "1.png", "--response", tmp_path / "out" / "passport.json", "--out", linear)
     assert run_command(*args).returncode == 0
     pixels = tifffile.imread(linear)
-    expected = np.interp(series.images[1] / 255, GRID, curve)
+    channels = zip(np.moveaxis(series.images[1], 2, 0) / 255, curves, strict=True)
+    expected = np.stack([np.interp(values, GRID, curve) for values, curve in channels], axis=-1)
     np.testing.assert_allclose(pixels, expected, atol=1e-5)
     again = run_command(*args)
     assert again.returncode == 2

@@ -44,6 +44,7 @@ _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _RANK = 24  # of the basis; what is finer is `Noise.fine`
 _POWER = 0.001  # relative standard deviation of the power that exposures tell
 _MOST_STRETCH = 0.1
+_APART, _APART_WITH_RAW = 0.08, 0.02  # colour at which a patch counts half, where RAW tells the others well less
 _STEP = 4  # rows
 _TERMS = 256  # of the mixture that are kept for each set
 
@@ -131,9 +132,11 @@ class Readings:
         b = observations.brightness
         self.observations, self.noise, self.maps = observations, noise, family.maps
         self.independent = min(1.0, noise.repeats / b.shape[1])
-        self.weights = observations.weights * self.independent
+        # The channels of a coloured patch bend apart, and in each photograph otherwise.
+        apart = observations.colour / (_APART_WITH_RAW if observations.absolute else _APART)
+        self.weights = observations.weights * self.independent / (1.0 + apart[:, None] ** 2)
         self.columns = between_knots(np.concatenate([family.basis, family.mean[:, None]], axis=1), b)
-        stretched = log_offset(observations) * self._stretch()[:, None, None]
+        stretched = (log_offset(observations) - observations.colour[:, None]) * self._stretch()[:, None, None]
         self.columns[..., -1] = stretched - self.columns[..., -1]
         steep = typical_slope(b)
         read = (steep * noise.brightness / np.maximum(b, 1 / 255)) ** 2

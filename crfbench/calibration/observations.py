@@ -43,6 +43,9 @@ class Observations:
     absolute : bool
         Whether reference x 2^exposure is irradiance in units of full scale, as RAW files tell it, so that the scale is
         known too. It needs both.
+    colour : array_like, shape (p,) or (n, p), optional
+        By how much, in log, the mean of the channels of a coloured patch lies above its brightness (`colour_error`).
+        With a discrepancy the reference is lowered so far, and the patch counts for less.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class Observations:
         weights: ArrayLike | None = None,
         reference_error: ArrayLike = REFERENCE_ERROR,
         absolute: bool = False,
+        colour: ArrayLike = 0.0,
     ) -> None:
         b = as_finite("brightness", brightness)
         if b.ndim not in (2, 3) or not b.size:
@@ -71,6 +75,7 @@ class Observations:
         self.reference = None if reference is None else _positive("reference", reference, (n, p))
         self.reference_error = _positive("reference_error", reference_error, (n, p))
         self.exposures = None if exposures is None else _stops(exposures, (n, e))
+        self.colour: Array = _fit("colour", as_finite("colour", colour), (n, p))
         self.absolute = bool(absolute)
         if self.absolute and (reference is None or exposures is None):
             raise InputError("absolute=True needs both reference and exposures; give them, or leave it out")
@@ -104,8 +109,9 @@ class Observations:
         channels = as_finite("rgb", rgb)
         if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
             raise InputError(f"rgb has shape {channels.shape}; use (images, patches, 3) or (n, images, patches, 3)")
-        error = np.hypot(REFERENCE_ERROR, colour_error(channels))
-        return cls(channels.mean(axis=-1), reference, **{"reference_error": error, **others})
+        colour = colour_error(channels)
+        defaults = {"reference_error": np.hypot(REFERENCE_ERROR, colour), "colour": colour}
+        return cls(channels.mean(axis=-1), reference, **{**defaults, **others})
 
     def of_sets(self, sets: slice) -> Self:
         """Keep some of the `n` sets."""
@@ -117,6 +123,7 @@ class Observations:
             self.weights[sets],
             self.reference_error[sets],
             self.absolute,
+            self.colour[sets],
         )
 
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
@@ -134,6 +141,7 @@ class Observations:
             self.weights[..., chosen],
             self.reference_error[:, chosen],
             self.absolute,
+            self.colour[:, chosen],
         )
 
     def _check_information(self) -> None:

@@ -24,7 +24,7 @@ _SIDE = 5  # pixels of a block along each side
 _STRATA = 32  # of equal width in brightness
 _FLATTEST = 0.25  # share of a stratum that is drawn from
 # Of many blocks, neighbours in brightness repeat how a curve is missed.
-_VALUES = 24.0
+_VALUES = 32.0
 # Blocks are means of many pixels; in the dark, whole levels and stray light count for more than noise.
 _READING, _FINE = 0.005, 0.1
 # Of the black floor: pixels that are looked at, stops to the next longer exposure, levels of 255 that may be floor and
@@ -69,7 +69,12 @@ def calibrate_series(
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
     found = calibrate(model, _weighted(observations), method, channels=channels, noise=noise, seed=seed)
-    return _above_floor(found, black_floor(images, exposures, found.curves))
+    floor = black_floor(images, exposures, found.curves)
+    if not floor.any():
+        return found
+    light = observations.brightness > floor[:, None, None]
+    found = calibrate(model, _weighted(observations, light), method, channels=channels, noise=noise, seed=seed)
+    return _above_floor(found, floor)
 
 
 def black_floor(images: Sequence[ArrayLike], exposures: ArrayLike, curves: Array) -> Array:
@@ -104,16 +109,14 @@ def _floor(levels: NDArray[np.intp], stops: Array, curve: Array, pairs: list[tup
         many = np.bincount(now, minlength=256)
         expected = np.interp(light + stops[late] - stops[early], light, every) - every
         sums += np.bincount(now, rise, 256), many * expected, many
-    risen, expected, many = (np.convolve(row, np.ones(3), "same") for row in sums)
-    still = (risen < 0.5 * expected) & (many > _FLOOR_SHARE * max(many.sum(), 1))
+    risen, rises, count = (np.convolve(row, np.ones(3), "same") for row in sums)
+    still = (risen < 0.5 * rises) & (count > _FLOOR_SHARE * max(count.sum(), 1))
     return int(np.flatnonzero(still[:_DARK]).max(initial=-1)) + 1
 
 
 def _above_floor(found: Calibration, floor: Array) -> Calibration:
     """Give what lies below the floor irradiance 0, up to what its band says, and tell it."""
     below = floor[:, None] > GRID
-    if not below.any():
-        return found
     bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
     text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
     told = ((text.format(edge),) if edge > 0 else () for edge in floor)
@@ -121,12 +124,12 @@ def _above_floor(found: Calibration, floor: Array) -> Calibration:
     return replace(found, curves=np.where(below, 0.0, found.curves), bands=bands, warnings=warnings)
 
 
-def _weighted(observations: Observations) -> Observations:
-    """Let each photograph but the first tell as much as `_VALUES` independent values of each set, not more."""
+def _weighted(observations: Observations, light: NDArray[np.bool_] | bool = True) -> Observations:
+    """Leave out what is no light, and let each photograph but one tell no more than `_VALUES` values of each set."""
     o, counts = observations, observations.counts
     free = counts.sum(axis=(1, 2)) - counts.any(axis=1).sum(axis=1)
     share = np.minimum(1.0, _VALUES * (counts.shape[1] - 1) / np.maximum(free, 1))
-    return Observations(o.brightness, None, o.exposures, o.clipped, o.weights * share[:, None, None])
+    return Observations(o.brightness, None, o.exposures, o.clipped, o.weights * light * share[:, None, None])
 
 
 def sample_series(
