@@ -119,7 +119,8 @@ def test_a_clipped_patch_pulls_the_curve_to_where_it_is_clipped():
         found = calibrate(model, Observations(bright, np.append(reference[:3], light)), "posterior", table=table)
         changes.append(found.curves[0, 716] - plain.curves[0, 716])
     # A patch little brighter than that of 0.7 which is white already says that 0.7 is near white; a bright one nothing.
-    assert changes[0] > 0.05 > 0.03 > abs(changes[1])
+    assert changes[0] > 0.05
+    assert abs(changes[1]) < 0.03
 
 
 # --- what is learned
@@ -243,10 +244,10 @@ def three_channels(responses, seed=7):
 
 
 def test_alike_channels_share_their_data_and_films_keep_their_own():
-    model, table = ready("SLR-ldl-1")  # learned from other curves
+    model, table = ready("SLR-ldl-3")  # learned from other curves
     units = np.array(FILMS.units)
     films = [FILMS.curves[units == unit] for unit in dict.fromkeys(FILMS.units)]
-    films = [film for film in films if len(film) == 3][::3]
+    films = [film for film in films if len(film) == 3][::2]
     together, apart = [], []
     for film in films:
         seen, truth = three_channels(film), invert(film)
