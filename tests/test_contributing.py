@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+import tomllib
 from importlib import import_module
 from xml.etree import ElementTree
 
@@ -59,6 +60,17 @@ def test_paths_exist():
     assert [path for path in paths if not (ROOT / path).exists()] == []
     for link in re.findall(r"\]\(([^)]+)\)", TEXT):
         assert (ROOT / link).exists(), link
+
+
+def test_mutation_testing_names_files_and_tests_that_exist():
+    config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mutmut"]
+    selected = config["pytest_add_cli_args_test_selection"]
+    left_out = [arg[11:] for arg in config["pytest_add_cli_args"] if arg.startswith("--deselect=")]
+    assert {name.partition("::")[0] for name in left_out} <= set(selected)
+    for name in [*selected, *left_out]:
+        path, _, test = name.partition("::")
+        text = (ROOT / path).read_text(encoding="utf-8")
+        assert not test or f"\ndef {test}(" in text, name
 
 
 @pytest.mark.parametrize(("table", "path"), TABLES)
