@@ -1,7 +1,7 @@
 """One calibrator for every model, and what it gives."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LEVELS = (0.5, 0.9)
+_FREE = 50.0  # stops; exposures that err so much are as the photographs say
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,15 @@ class Calibration:
             counted = likelihood.precision
             d = d - ((counted * d).sum(axis=1) / np.maximum(counted.sum(axis=1), 1e-300))[:, None]
         return np.asarray(d)
+
+    @cached_property
+    def exposure_errors(self) -> Array:
+        """By how many stops each photograph seems brighter than its exposure says, (n, e); the median of a set is 0."""
+        likelihood, every = Likelihood(self.observations, replace(self.noise, exposure=_FREE)), slice(None)
+        brightness = self.observations.brightness
+        g = evaluate(self.curves, brightness.reshape(len(self), -1)).reshape(*brightness.shape, 1)
+        off = likelihood.squares(likelihood.residual(g, every), every)[1][:, :, 0] / np.log(2)
+        return np.asarray(off - np.median(off, axis=1, keepdims=True))
 
     @property
     def responses(self) -> Array:

@@ -28,7 +28,7 @@ class Observations:
     Parameters
     ----------
     brightness : array_like, shape (e, p) or (n, e, p)
-        Of `p` patches in `e` photographs, from 0 to 1.
+        Of `p` patches in `e` photographs, from 0 to 1; values of a masked array that are masked weigh nothing.
     reference : array_like, shape (p,) or (n, p), optional
         Irradiance of each patch in any unit; None when it is not known (then `exposures` must be).
     exposures : array_like, shape (e,) or (n, e), optional
@@ -59,7 +59,8 @@ class Observations:
         absolute: bool = False,
         colour: ArrayLike = 0.0,
     ) -> None:
-        b = as_finite("brightness", brightness)
+        masked = np.ma.getmaskarray(brightness) if isinstance(brightness, np.ma.MaskedArray) else np.False_
+        b = as_finite("brightness", np.ma.filled(brightness, 0.5) if masked.any() else brightness)
         if b.ndim not in (2, 3) or not b.size:
             raise InputError(f"brightness has shape {b.shape}; use (images, patches) or (n, images, patches), none 0")
         if b.min() < 0 or b.max() > 1:
@@ -69,7 +70,9 @@ class Observations:
         n, e, p = b.shape
         beyond = (b <= 0) | (b >= SATURATED) if clipped is None else as_finite("clipped", clipped) != 0
         self.clipped: NDArray[np.bool_] = _fit("clipped", beyond, (n, e, p))
-        self.weights: Array = _fit("weights", as_finite("weights", 1.0 if weights is None else weights), (n, e, p))
+        self.weights: Array = _fit(
+            "weights", as_finite("weights", 1.0 if weights is None else weights) * ~masked, (n, e, p)
+        )
         if self.weights.min() < 0 or self.weights.max() > _MOST:
             raise InputError(f"weights run from {self.weights.min():g} to {self.weights.max():g}; use 0 to {_MOST:g}")
         self.reference = None if reference is None else _positive("reference", reference, (n, p))

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _LEVEL = 0.9
+_CONTRADICTS = 0.5  # stops, between two photographs
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 
 
@@ -46,7 +47,8 @@ class CameraCalibration:
         """What is to be said of the curves, with the channel's name where there are three."""
         three = len(self.passport.curves) == 3
         pairs = zip(self.passport.channels, self.calibration.warnings, strict=True)
-        return [f"{name}: {text}" if three else text for name, texts in pairs for text in texts]
+        said = [f"{name}: {text}" if three else text for name, texts in pairs for text in texts]
+        return [*said, *_contradictions(self.calibration, list(self.photographs))]
 
 
 def calibrate(
@@ -150,6 +152,20 @@ def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: st
     merged = merge_series(images, used.stops, calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
+
+
+def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
+    """Name the photographs that are not as far from the one before as their exposures say."""
+    given = calibration.observations.exposures
+    if given is None or given.shape[1] != len(names):
+        return []
+    order = np.argsort(given[0], kind="stable")
+    steps, off = np.diff(given[0, order]), np.diff(np.median(calibration.exposure_errors, axis=0)[order])
+    return [
+        f"{names[late]} is {step + more:.1f} stops above {names[early]}, and its exposure says {step:.1f}"
+        for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
+        if abs(more) > _CONTRADICTS
+    ]
 
 
 def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str) -> Passport:
