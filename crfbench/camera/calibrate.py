@@ -162,7 +162,7 @@ def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
     order = np.argsort(given[0], kind="stable")
     steps, off = np.diff(given[0, order]), np.diff(np.median(calibration.exposure_errors, axis=0)[order])
     return [
-        f"{names[late]} is {step + more:.1f} stops above {names[early]}, and its exposure says {step:.1f}"
+        f"{names[late]} is {round(step + more, 1) + 0.0:.1f} stops above {names[early]}; its exposure says {step:.1f}"
         for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
         if abs(more) > _CONTRADICTS
     ]
