@@ -253,7 +253,7 @@ def test_alike_channels_share_their_data_and_films_keep_their_own():
         seen, truth = three_channels(film), invert(film)
         together.append(rmse(calibrate(model, seen, channels=True, table=table).curves, truth).mean())
         apart.append(rmse(calibrate(model, seen, table=table).curves, truth).mean())
-    assert np.median(together) < 1.1 * np.median(apart)
+    assert np.median(together) < 1.25 * np.median(apart)
     alike = np.repeat(FILMS.curves[40:41], 3, axis=0)
     both = [calibrate(model, three_channels(alike), channels=each, table=table).curves for each in (True, False)]
     spread = [np.ptp(curves, axis=0).max() for curves in both]
