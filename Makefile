@@ -9,24 +9,22 @@ READY := $(VENV)/.ready
 lab: $(READY)
 	$(BIN)/crfbench lab notebooks
 
-# One BLAS thread: the matrices are small, and threads that wait for a busy core cost more than they bring.
+# One thread each: the matrices are small, and threads that wait for a busy core cost more than they bring.
 test test-all test-quick coverage tables bench site: export OPENBLAS_NUM_THREADS = 1
-# Files in the order of their names: the browser's tests, which take longest, come early.
-PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
-NBVAL := --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
+test test-all test-quick coverage: export OMP_NUM_THREADS = 1
+# Notebooks and tests together, which keeps every core busy to the end; files in the order of their names.
+TESTS := notebooks tests -n auto --dist loadfile --no-loadscope-reorder \
+    --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
 test: checks
-	$(BIN)/python -m pytest $(PARALLEL) -m "not slow"
-	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
+	$(BIN)/python -m pytest $(TESTS) -m "not slow"
 
 # With the slow tests: many repeats, every page of the site, the benchmarks.
 test-all: checks
-	$(BIN)/python -m pytest $(PARALLEL)
-	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
+	$(BIN)/python -m pytest $(TESTS)
 
 # All but the checks of the code and the tests that are slow or need a browser.
 test-quick: $(READY)
-	$(BIN)/python -m pytest $(PARALLEL) -m "not slow" --ignore tests/test_browser
-	$(BIN)/python -m pytest notebooks $(PARALLEL) $(NBVAL)
+	$(BIN)/python -m pytest $(TESTS) -m "not slow" --ignore tests/test_browser
 
 checks: $(READY) widgets
 	$(BIN)/ruff check .
@@ -46,7 +44,7 @@ endif
 
 # Statements and branches of the library that the tests reach, those of its subprocesses too.
 coverage: $(READY)
-	$(BIN)/python -m pytest $(PARALLEL) --cov --cov-report=term
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report=term
 
 tables: $(READY)
 	$(BIN)/crfbench tables --out results

@@ -7,8 +7,9 @@
 (151, 3)
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from crfbench.lazy import found_when_used
 
 if TYPE_CHECKING:
     from crfbench import camera, paper, plots, widgets
@@ -25,29 +26,22 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Names are found when first used, so that importing crfbench costs next to nothing. The last four are rooms.
-_HOME = {
-    "EMoR": "models",
-    "GGCM": "models",
-    "Gamma": "models",
-    "Observations": "calibration",
-    "PPISP": "models",
-    "Polynomial": "models",
-    "SLR": "models",
-    "SearchSpace": "search",
-    "calibrate": "calibration",
-    "fetch": "datasets.fetch",
-    "invert": "curves",
-    "learn_discrepancy": "calibration",
-    "linearise": "camera.passport",
-    "load_history": "history",
-    "load_model": "models",
-    "load_patches": "datasets",
-    "load_responses": "datasets",
-    "rmse": "metrics",
-    "search_architectures": "search",
-    "train": "training",
-}
+__getattr__ = found_when_used(
+    __name__,
+    {
+        "calibration": "Observations calibrate learn_discrepancy",
+        "camera.passport": "linearise",
+        "curves": "invert",
+        "datasets": "load_patches load_responses",
+        "datasets.fetch": "fetch",
+        "history": "load_history",
+        "metrics": "rmse",
+        "models": "EMoR GGCM Gamma PPISP Polynomial SLR load_model",
+        "search": "SearchSpace search_architectures",
+        "training": "train",
+        "": "camera paper plots widgets",  # rooms
+    },
+)
 
 __all__ = [
     "GGCM",
@@ -75,14 +69,6 @@ __all__ = [
     "train",
     "widgets",
 ]
-
-
-def __getattr__(name: str) -> object:
-    if name in _HOME:
-        return getattr(import_module(f"crfbench.{_HOME[name]}"), name)
-    if name in __all__:
-        return import_module(f"crfbench.{name}")
-    raise AttributeError(f"module 'crfbench' has no attribute {name!r}; it has {', '.join(__all__)}")
 
 
 def __dir__() -> list[str]:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from crfbench.curves import GRID, Direction, axis_labels
 from crfbench.datasets.chart import chart_boxes
 from crfbench.history import History
+from crfbench.models import ModelKey
 from crfbench.search.result import architecture, mark_choice, pareto_front
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ def plot_calibration(
         low, high = result.bands[level]
         label = f"{100 * level:.0f} % of the posterior"
         ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
-    ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{result.model.name}, {result.method}")
+    ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{ModelKey.of(result.model)}, {result.method}")
     size = 10 if len(brightness) <= _MOST_DOTS else 2
     ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
     for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, STYLES[1:], strict=False):

@@ -5,8 +5,6 @@ import json
 import os
 import re
 import stat
-import subprocess
-import sys
 
 import cv2
 import matplotlib as mpl
@@ -20,6 +18,7 @@ import matplotlib.pyplot as plt
 from crfbench import camera
 from crfbench.camera.measuring import chart_table, observe_chart, separate
 from crfbench.camera.photographs import pair_photographs
+from crfbench.camera.worker import WORKER
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.chart import chart_boxes, save_labels
@@ -240,17 +239,15 @@ def test_exposures_alone_and_their_use(tmp_path, truth):
 
 @pytest.mark.skipif(os.name == "nt", reason="limits of a process are set another way")
 def test_a_full_disk_leaves_nothing_half_written(folder, tmp_path):
-    out = tmp_path / "out"
-    code = f"""
-import resource, sys
-from crfbench.cli import main
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # what is larger fails as on a full disk
-sys.argv = ["crfbench", "calibrate", {str(folder)!r}, "--out", {str(out)!r}]
-main()
-"""
-    # What measures the tests' reach would write a file of its own.
-    env = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE")}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=env)
+    import resource
+
+    out, limits = tmp_path / "out", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # what is larger fails as on a full disk
+    try:
+        done = run_command("calibrate", folder, "--out", out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        WORKER.close()  # one that started meanwhile has the same limit
     assert done.returncode == 2
     assert "File too large" in done.stderr
     assert "Traceback" not in done.stderr

@@ -375,6 +375,7 @@ def test_a_model_without_a_prior_draws_nothing():
 def test_every_bundled_model_has_one_name_and_a_prior_of_plausible_curves(key):
     assert ModelKey.parse(str(key)) == ModelKey.parse(str(key).upper()) == key
     model = load_model(str(key))
+    assert ModelKey.of(model) == key
     assert (model.name, model.n_params, model.direction) == (key.family, key.n_params, key.direction)
     assert model.prior_.mean.shape == (key.n_params,)
     assert (np.linalg.eigvalsh(model.prior_.covariance) > 0).all()

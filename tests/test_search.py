@@ -382,8 +382,8 @@ SCRIPT = """
 import sys
 from crfbench import load_responses, search_architectures
 from crfbench.search import SearchSpace
-responses, space = load_responses("opencrf").select(range(30)), SearchSpace(h1=tuple(range(5, 65)), h2=(0,), h3=(0,))
-search_architectures(responses, space, epochs=300, journal=sys.argv[1])
+responses, space = load_responses("opencrf").select(range(30)), SearchSpace(h1=tuple(range(5, 125)), h2=(0,), h3=(0,))
+search_architectures(responses, space, epochs=60, journal=sys.argv[1])
 """
 
 
@@ -431,7 +431,7 @@ def test_an_end_in_the_middle_loses_nothing_and_leaves_no_process(tmp_path, sign
     held = [line for line in path.read_bytes().splitlines(keepends=True) if line.endswith(b"\n")]
     assert len(held) >= 4
     settings_ = json.loads(held[0])["settings"]
-    assert [outcome.epochs for outcome in Journal(path, settings_).outcomes] == [300] * (len(held) - 1)
+    assert [outcome.epochs for outcome in Journal(path, settings_).outcomes] == [60] * (len(held) - 1)
 
 
 def test_a_worker_that_crashes_is_told_as_what_it_is(responses):

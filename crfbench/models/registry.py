@@ -91,6 +91,16 @@ class ModelKey:
         side = check_direction((match[4] or "inverse").lower())
         return cls(families[match[1].lower()], (match[2] or "").lower(), int(match[3]), side)
 
+    @classmethod
+    def of(cls, model: ResponseModel) -> "ModelKey":
+        """Return the key of a model, which for a bundled one is that of its file or formula."""
+        constraint = ""
+        if isinstance(model, SLR):
+            constraint = str(model.metadata_.get("constraint", "untrained"))
+            if model.monotone:
+                constraint = "open" if model.metadata_.get("data") == "opencrf" else "monotone"
+        return cls(model.name, constraint, model.n_params, model.direction)
+
     def load(self) -> ResponseModel:
         """Load the model of this name, as `load_model` does; a damaged file is a `FormatError`."""
         if (self.family, self.constraint) == (EMoR.name, "published"):

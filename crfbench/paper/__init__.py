@@ -4,7 +4,7 @@ A claim of the paper stands in `claims` or `claims_data`, the numbers of its tab
 module of their subject, and what took minutes to compute in ``data/recorded``.
 """
 
-from importlib import import_module
+from crfbench.lazy import found_when_used
 
 # Names are found when first used: a table loads no figures, and nothing but the report loads widgets.
 _NAMES = {
@@ -21,15 +21,11 @@ _NAMES = {
     "paper.stability": "stability_table",
     "paper.verdicts": "RULES",
 }
-_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
-__all__ = sorted(_HOME)  # noqa: PLE0605  a list, though not a literal one
+__all__ = sorted(" ".join(_NAMES.values()).split())  # noqa: PLE0605  a list, though not a literal one
 
 
-def __getattr__(name: str) -> object:
-    if name in _HOME:
-        return getattr(import_module(f"crfbench.{_HOME[name]}"), name)
-    raise AttributeError(f"module 'crfbench.paper' has no attribute {name!r}; it has {', '.join(__all__)}")
+__getattr__ = found_when_used(__name__, _NAMES)
 
 
 def __dir__() -> list[str]:

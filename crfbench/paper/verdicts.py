@@ -7,6 +7,8 @@ from typing import NamedTuple
 from crfbench.paper.printed import SIGNIFICANT_RMSE
 from crfbench.paper.results import PaperResults
 
+#: "Twice as fast" is a ratio above the first, "slightly worse" one below the second, "1" within the third of 1.
+TWICE, SLIGHTLY, NEAR_ONE = 1.8, 1.5, 0.1
 #: What each verdict means.
 RULES = {
     "reproduced": "our figure lies within one unit of the paper's last printed digit, or the paper's lies within the "
@@ -14,7 +16,8 @@ RULES = {
     f"{SIGNIFICANT_RMSE} apart, which the paper calls not significant; counts are equal",
     "differs": "our figure comes from the same data and, as far as it is described, by the same procedure, and none of "
     "that is so",
-    "holds": "a statement in words, of which our figures say the same",
+    "holds": "a statement in words, of which our figures say the same; “almost” or “around twice” is a ratio above "
+    f"{TWICE}, “slightly worse” one below {SLIGHTLY}, and an estimate of 1 is right within {NEAR_ONE}",
     "does not hold": "a statement in words, of which our figures, or the paper's own, say otherwise",
     "undecided": "a statement in words, of which our figures say both: their ranges overlap, or it depends on the "
     "measure",

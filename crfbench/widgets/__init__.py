@@ -3,8 +3,9 @@
 A module is loaded when its widget is first used, so that a slider does not wait for tables, searches or PyTorch.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from crfbench.lazy import found_when_used
 
 if TYPE_CHECKING:
     from crfbench.widgets.calibration_explorer import CalibrationExplorer
@@ -27,9 +28,7 @@ __all__ = [
     "TrainingPanel",
 ]
 
-
-def __getattr__(name: str) -> object:
-    if name not in __all__:
-        raise AttributeError(f"module 'crfbench.widgets' has no attribute {name!r}; it has {', '.join(__all__)}")
-    module = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name).removeprefix("_")
-    return getattr(import_module(f"crfbench.widgets.{module}"), name)
+_MODULES = ("".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name)[1:] for name in __all__)
+__getattr__ = found_when_used(
+    __name__, {f"widgets.{module}": name for module, name in zip(_MODULES, __all__, strict=True)}
+)

@@ -142,7 +142,7 @@ def _by_name(models: Shown | Sequence[Shown] | Mapping[str, SLR]) -> dict[str, S
         pairs = [(str(name), model) for name, model in models.items()]
     else:
         loaded = [_load(model) for model in ([models] if isinstance(models, Shown) else models)]
-        pairs = [(_name(model), model) for model in loaded]
+        pairs = [(str(ModelKey.of(model)), model) for model in loaded]
     if not pairs or len(dict(pairs)) < len(pairs):
         raise InputError(f"models={models!r} are none or have equal names; use one or more, and a mapping to name them")
     return dict(pairs)
@@ -153,14 +153,6 @@ def _load(model: Shown) -> SLR:
     if not isinstance(loaded, SLR):
         raise InputError(f"model {model!r} has no latent; use one such as 'SLR-ldl-1'")
     return loaded
-
-
-def _name(model: SLR) -> str:
-    """Return the model's name, which for bundled weights is that of their file."""
-    kind = str(model.metadata_.get("constraint", "untrained"))
-    if model.monotone:
-        kind = "open" if model.metadata_.get("data") == "opencrf" else "monotone"
-    return str(ModelKey(model.name, kind, model.n_params, model.direction))
 
 
 def _choices(models: Mapping[str, SLR], responses: Responses | None) -> dict[str, object]:

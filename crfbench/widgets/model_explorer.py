@@ -191,7 +191,7 @@ def _check_names(names: Sequence[str], n: int) -> list[str]:
 
 
 def _by_name(models: Sequence[ResponseModel]) -> dict[str, ResponseModel]:
-    named = {str(ModelKey(model.name, "", model.n_params, model.direction)): model for model in models}
+    named = {str(ModelKey.of(model)): model for model in models}
     if not models or len(named) < len(models) or len({model.direction for model in models}) > 1:
         raise InputError(f"models={list(models)!r} are not valid; use one or more different ones, all of one direction")
     return named

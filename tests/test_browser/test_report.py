@@ -17,21 +17,30 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(tmp_path_factory.mktemp("report") / "report.html")
 
 
+@pytest.fixture(scope="module")
+def opened(browser, file: Path) -> Iterator:
+    """Open the page, which notes whatever it asks of the network or says in the console."""
+    context = browser.new_context(offline=True)
+    page = context.new_page()
+    page.troubles = []
+    page.on("console", lambda message: page.troubles.append(message.text))
+    page.on("pageerror", lambda error: page.troubles.append(str(error)))
+    page.on("request", lambda request: request.url.startswith(("file:", "blob:")) or page.troubles.append(request.url))
+    page.goto(file.as_uri())
+    page.wait_for_selector(".crf-sortable")
+    yield page
+    context.close()
+
+
 @pytest.fixture
-def page(browser, file: Path) -> Iterator:
-    """Open the page; whatever it asks of the network, or says in the console, fails the test."""
-    context = browser.new_context(offline=True, viewport={"width": 1100, "height": 900})
-    opened = context.new_page()
-    troubles: list[str] = []
-    opened.on("console", lambda message: troubles.append(message.text))
-    opened.on("pageerror", lambda error: troubles.append(str(error)))
-    opened.on("request", lambda request: request.url.startswith(("file:", "blob:")) or troubles.append(request.url))
-    opened.goto(file.as_uri())
-    opened.wait_for_selector(".crf-sortable")
+def page(opened) -> Iterator:
+    """Return the page, light and wide; any trouble fails the test. Each test sorts by headings of its own."""
+    opened.set_viewport_size({"width": 1100, "height": 900})
+    opened.emulate_media(color_scheme="light")
     settled(opened)
     yield opened
-    context.close()
-    assert troubles == []
+    settled(opened)
+    assert opened.troubles == []
 
 
 def column(page, number: int) -> list[str]:
