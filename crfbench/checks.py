@@ -1,7 +1,7 @@
 """What an argument must be: numbers, a whole number, a seed, one of some names; all else is an `InputError`."""
 
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,13 @@ MOST = 1e30
 def as_numbers(name: str, values: object) -> NDArray[np.float64]:
     """Return `values`, which messages call `name`, as float64; NaN may be among them.
 
-    Text, complex numbers and rows of unequal length are refused.
+    Text, complex numbers, masked values and rows of unequal length are refused; generators are read.
     """
+    if np.ma.is_masked(values):
+        raise InputError(f"{name} holds {np.ma.count_masked(values)} masked values; fill them, or leave them out")
+    if getattr(values, "requires_grad", False):
+        raise InputError(f"{name} is a tensor that requires gradients; use {name}.detach()")
+    values = list(values) if isinstance(values, Iterator) else values
     wrong = "rows of unequal length"
     try:
         array = np.asarray(values)

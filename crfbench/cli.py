@@ -162,9 +162,10 @@ def calibrate(
     exposures: Annotated[
         str, typer.Option(help="exif, times such as 1/60,1/30,1/15, a file of lines name time, or names")
     ] = "exif",
-    model: Annotated[
-        str | None, typer.Option(help="Such as SLR-ldl-3 (default with a chart) or PPISP-4 (default without)")
-    ] = None,
+    model: Annotated[str, typer.Option(help="Name of a model, such as SLR-ldl-3 or PPISP-4.")] = "Kernel-8",
+    channels: Annotated[
+        str, typer.Option(help="Without a chart: rgb, a curve a channel, or shared, one for all.")
+    ] = "rgb",
     white_level: Annotated[int | None, typer.Option(help="Of 16-bit images, such as 4095; default: a guess.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
@@ -176,8 +177,9 @@ def calibrate(
         source,
         chart,
         None if exposures == "exif" else exposures,
-        model and _current_name(model),
+        _current_name(model),
         datetime.date.today().isoformat(),
+        channels=channels,
         white_level=white_level,
         say=partial(typer.echo, err=True),
     )
@@ -188,7 +190,7 @@ def calibrate(
     low, high = result.passport.valid_range
     measured = f"measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
     typer.echo(f"{result.passport!r}: {measured}")
-    for warning in result.calibration.warnings[0]:
+    for warning in result.warnings:
         typer.echo(f"warning: {warning}")
 
 

@@ -28,7 +28,7 @@ SHARP = Noise(brightness=1e-3, exposure=1e-3)
 CASES = [
     pytest.param(name, method, id=f"{name}-{method}")
     for name in MODELS
-    for method in ("map", "grid" if name.endswith("-1") else "lm")
+    for method in ("map", "discrepancy", "grid" if name.endswith("-1") else "lm")
 ]
 
 
@@ -44,11 +44,16 @@ def noisy(curves, seed=8):
     return reference, np.clip(brightness + 0.02 * np.random.default_rng(seed).normal(size=brightness.shape), 0, 1)
 
 
+def asked(method):
+    """Return the options of a method; "discrepancy" is "map" that allows for what the model misses."""
+    return {"method": "map" if method == "discrepancy" else method, "discrepancy": method == "discrepancy"}
+
+
 @pytest.mark.parametrize(("name", "method"), CASES)
 class TestContract:
     def solve(self, name, method, observations, **options):
         model, table = ready(name)
-        return calibrate(model, observations, method, table=table, **options)
+        return calibrate(model, observations, **asked(method), table=table, **options)
 
     def test_known_curves_come_back(self, name, method):
         curves = known_curves(ready(name)[0], 8)
@@ -56,9 +61,13 @@ class TestContract:
         observations = unclipped(brightness, reference, reference_error=1e-3)
         found = self.solve(name, method, observations, noise=SHARP, offset=False)
         distance = shape_rmse(found, curves)
+        assert np.abs(found.residuals).max() < 0.05
+        if method == "discrepancy":  # which cannot know that the curve is exactly one of the family
+            assert np.median(distance) < 5e-3
+            assert distance.max() < 0.02
+            return
         assert np.median(distance) < 1e-4
         assert distance.max() < 1e-3
-        assert np.abs(found.residuals).max() < 0.05
         if name.endswith("-1"):  # what one number cannot hide: the whole curve, not only where it was seen
             assert rmse(found.curves, curves).max() < 1e-4
 
@@ -72,7 +81,8 @@ class TestContract:
     def test_repeats_to_the_last_digit(self, name, method):
         model = ready(name)[0]
         reference, brightness = noisy(known_curves(model, 2))
-        runs = [calibrate(model, Observations(brightness, reference), method, seed=4).params for _ in range(2)]
+        few = Observations(brightness, reference)
+        runs = [calibrate(model, few, **asked(method), seed=4).curves for _ in range(2)]
         assert np.array_equal(*runs)
 
     def test_the_order_of_patches_and_photographs_does_not_matter(self, name, method):
@@ -110,16 +120,16 @@ class TestContract:
         assert shape_rmse(first, second.curves).max() < 1e-5
 
     def test_exposures_alone_bring_known_curves_back(self, name, method):
-        if method != "map":
+        if method in ("grid", "lm"):
             with pytest.raises(InputError, match="have none; use 'map'"):
                 self.solve(name, method, Observations([[0.2, 0.5], [0.4, 0.7]], exposures=[0, 1]))
             return
         curves = known_curves(ready(name)[0], 6)
         _, exposures, brightness = scene(curves)
         chart_free = self.solve(name, method, unclipped(brightness, None, exposures), noise=SHARP)
-        distance = shape_rmse(chart_free, curves)
-        assert np.median(distance) < 1e-3
-        assert distance.max() < 3e-3
+        distance, times = shape_rmse(chart_free, curves), 10 if method == "discrepancy" else 1
+        assert np.median(distance) < 1e-3 * times
+        assert distance.max() < 3e-3 * times
 
 
 def test_chart_free_does_not_ask_how_bright_the_patches_were():
@@ -130,7 +140,8 @@ def test_chart_free_does_not_ask_how_bright_the_patches_were():
     for seed in range(4):
         irradiance = np.random.default_rng(seed).uniform(0.04, 0.22, size=12)
         brightness = np.interp(irradiance * 2.0 ** exposures[:, None], curve[0], np.linspace(0, 1, 1024))
-        found.append(calibrate(model, unclipped(brightness, None, exposures), noise=SHARP, table=table).curves[0])
+        seen = unclipped(brightness, None, exposures)
+        found.append(calibrate(model, seen, discrepancy=False, noise=SHARP, table=table).curves[0])
     assert rmse(found, curve).max() < 1e-4
 
 
@@ -272,7 +283,8 @@ def test_the_largest_batch_of_numbers_is_split(method, middlebury, monkeypatch):
     seen = []
     at = type(table).at
     monkeypatch.setattr(type(table), "at", lambda self, b: seen.append(b.size * len(self.params)) or at(self, b))
-    calibrate(model, Observations(np.tile(middlebury, (8, 1, 1)), REFERENCE_IRRADIANCE), method, table=table)
+    many = Observations(np.tile(middlebury, (8, 1, 1)), REFERENCE_IRRADIANCE)
+    calibrate(model, many, method, discrepancy=False, table=table)
     assert max(seen) <= 2**19
     assert sum(seen) == 8 * 28 * 96 * 512
 
@@ -352,10 +364,10 @@ def test_doubtful_observations_are_warned_of():
     assert "the observations say little" in warned([[0.499, 0.501]], reference=[1.0, 1.004])
     bright = np.linspace(0.8, 0.98, 10)
     steep = Observations([bright], bright**25, reference_error=1e-4)
-    found = calibrate(load_model("Gamma-1"), steep, noise=SHARP)
+    found = calibrate(load_model("Gamma-1"), steep, discrepancy=False, noise=SHARP)
     assert "at the edge of what the prior expects" in "".join(found.warnings[0])
-    mixed = np.array([[0.2, 0.3, 0.4, 0.5], [0.5, 0.4, 0.3, 0.6]])  # two photographs that contradict each other
-    assert "times as widely as their noise lets expect" in warned(mixed, reference=[1.0, 1.1, 1.2, 1.3])
+    mixed = [[0.3, 0.31, 0.29, 0.3, 0.8, 0.82]]  # light and dark that do not follow the reference
+    assert "times as widely as their noise lets expect" in warned(mixed, reference=[0.1, 0.2, 0.4, 0.8, 0.9, 1])
 
 
 def test_of_a_batch_only_the_set_that_says_little_is_told_so():
@@ -404,7 +416,7 @@ def test_falling_brightness_is_said_by_photograph():
 
 def test_scatter_is_said_with_its_size():
     brightness = np.array([[0.2, 0.3, 0.4, 0.5], [0.5, 0.4, 0.3, 0.6]])
-    found = calibrate(load_model("Gamma-1"), Observations(brightness, [1.0, 1.1, 1.2, 1.3]))
+    found = calibrate(load_model("Gamma-1"), Observations(brightness, [1.0, 1.1, 1.2, 1.3]), discrepancy=False)
     assert (
         f"the observations scatter {found.noise_scale[0]:.1f} times as widely as their noise lets expect; "
         "check that the scene stood still and that exposures and reference are right"
@@ -421,7 +433,7 @@ def test_the_edge_is_4_standard_deviations_from_the_mean_of_the_prior(name, side
         curve = model.decode(model.from_unconstrained(free))
         brightness = np.linspace(0.8, 0.98, 20)
         seen = Observations([brightness], np.interp(brightness, GRID, curve), reference_error=1e-5)
-        assert calibrate(model, seen, noise=best).warnings[0] == expected
+        assert calibrate(model, seen, discrepancy=False, noise=best).warnings[0] == expected
 
 
 def test_what_is_told_of_a_run():

@@ -25,6 +25,7 @@ from crfbench.datasets.chart import chart_boxes, save_labels
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
+from crfbench.models import DEFAULT_MODEL
 from tests.support.command import run_command
 from tests.support.photographs import write_pair
 from tests.support.scenes import render_chart
@@ -150,7 +151,7 @@ def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth
     assert passport.data_sha256 == digest_of(
         path.with_suffix(end) for path in jpegs(result) for end in (".dng", ".jpg")
     )
-    assert passport.model == "SLR-ldl-3"
+    assert passport.model == DEFAULT_MODEL
     for name in ("response.csv", "response.npy", "response.cube"):
         assert rmse(camera.read_response(tmp_path / name).in_direction("forward")[0], truth) < 0.02
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -218,16 +219,18 @@ def test_exposures_alone_and_their_use(tmp_path, truth):
     times = ",".join(str(2.0**stop) for stop in series.stops)
     done = run_command("calibrate", folder, "--chart", "none", "--exposures", times, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    curve = camera.read_response(tmp_path / "out" / "passport.json").curves[0]
-    inverse = invert(truth)
-    scale = (curve @ inverse) / (curve @ curve)
-    assert rmse(scale * curve, inverse) < 0.02
+    curves, inverse = camera.read_response(tmp_path / "out" / "passport.json").curves, invert(truth)
+    assert len(curves) == 3
+    for curve in curves:
+        scale = (curve @ inverse) / (curve @ curve)
+        assert rmse(scale * curve, inverse) < 0.02
     assert (tmp_path / "out" / "merged.exr").stat().st_size > 1000
     linear = tmp_path / "linear.tif"
     args = ("linearise", folder / "1.png", "--response", tmp_path / "out" / "passport.json", "--out", linear)
     assert run_command(*args).returncode == 0
     pixels = tifffile.imread(linear)
-    expected = np.interp(series.images[1] / 255, GRID, curve)
+    channels = zip(np.moveaxis(series.images[1], 2, 0) / 255, curves, strict=True)
+    expected = np.stack([np.interp(values, GRID, curve) for values, curve in channels], axis=-1)
     np.testing.assert_allclose(pixels, expected, atol=1e-5)
     again = run_command(*args)
     assert again.returncode == 2

@@ -351,7 +351,7 @@ def test_the_posterior_of_one_parameter_is_the_integral(name, known, noise):
     brightness = np.clip(brightness + 0.01 * np.random.default_rng(1).normal(size=brightness.shape), 0.005, 0.99)
     given = {"reference": reference, "exposures": exposures}
     observations = unclipped(brightness, **{each: given[each] for each in known})
-    found = calibrate(model, observations, "posterior", noise=noise, table=table)
+    found = calibrate(model, observations, "posterior", discrepancy=False, noise=noise, table=table)
     free, weights, dense, log_evidence = brute_force(model, observations, noise)
     assert np.isclose(found.samples.weights.sum(), 1)
     assert rmse(found.curves[0], weights @ dense) < 2e-4
@@ -407,7 +407,7 @@ def test_parts_hold_every_set_once_and_as_many_as_may_be(cells):
 def test_bands_are_nested():
     model, table = ready("SLR-ldl-3")
     reference, _, brightness = scene(known_curves(model, 5))
-    found = calibrate(model, Observations(brightness, reference), "posterior", table=table)
+    found = calibrate(model, Observations(brightness, reference), "posterior", discrepancy=False, table=table)
     (inner_low, inner_high), (outer_low, outer_high) = found.bands[0.5], found.bands[0.9]
     assert (outer_low <= inner_low).all()
     assert (inner_low <= inner_high).all()
@@ -421,7 +421,9 @@ def test_evidence_of_a_toy_is_its_integral():
     model = load_model("Gamma-1")
     brightness, reference = np.array([[0.3, 0.8]]), np.array([1.0, 6.0])
     noise = Noise(brightness=0.05, independent=1.0, freedom=3.0)
-    found = calibrate(model, unclipped(brightness, reference, reference_error=0.1), "posterior", noise=noise)
+    found = calibrate(
+        model, unclipped(brightness, reference, reference_error=0.1), "posterior", discrepancy=False, noise=noise
+    )
     variance = ((2.2 * 0.05 / brightness[0]) ** 2 + 0.1**2).sum()  # of the difference of the two; one scale is free
     mean, sd = model.prior_.mean[0], model.prior_.covariance[0, 0] ** 0.5
 
@@ -438,7 +440,7 @@ def test_the_scale_of_the_noise_by_hand():
     brightness, reference = np.array([0.2, 0.4, 0.6, 0.8]), np.array([1.0, 6.0, 11.0, 30.0])
     noise = Noise(brightness=0.03, independent=0.4, freedom=5.0)
     observations = unclipped(brightness[None], reference, reference_error=0.1)
-    found = calibrate(load_model("Gamma-1"), observations, noise=noise)
+    found = calibrate(load_model("Gamma-1"), observations, noise=noise, discrepancy=False)
     precision = 1 / ((2.2 * 0.03 / brightness) ** 2 + 0.1**2)
     residual = found.params[0, 0] * np.log(brightness) - np.log(reference)
     scatter = (precision * (residual - np.average(residual, weights=precision)) ** 2).sum()
@@ -481,7 +483,7 @@ def test_posterior_means_are_irradiances_where_the_model_is_unbounded():
     model, table = ready("Polynomial-3")
     dark = unclipped(np.array([[0.05, 0.1, 0.15]]), np.array([1.0, 2.5, 4.0]))
     assert (np.abs(table.curves[:, 900:] - 0.5) > 0.6).any()
-    found = calibrate(model, dark, "posterior", table=table)
+    found = calibrate(model, dark, "posterior", discrepancy=False, table=table)
     for curve in (found.curves, *found.bands[0.5], *found.bands[0.9]):
         assert curve.min() >= 0
         assert curve.max() <= 1
@@ -493,7 +495,7 @@ def test_drawn_posteriors_agree_with_a_dense_grid():
     reference, _, brightness = scene(known_curves(model, 3))
     brightness = np.clip(brightness + 0.02 * np.random.default_rng(2).normal(size=brightness.shape), 0.005, 0.99)
     observations = unclipped(brightness, reference)
-    found = calibrate(model, observations, "posterior", table=table)
+    found = calibrate(model, observations, "posterior", discrepancy=False, table=table)
     root = np.linalg.cholesky(model.prior_.covariance)
     steps = np.linspace(-5, 5, 200)
     normal = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -526,7 +528,7 @@ def test_bands_cover_as_often_as_they_say(name):
     sigma = np.hypot(2.2 * noise.brightness / brightness[:, 0], 0.05)
     sigma *= np.sqrt(noise.freedom / rng.chisquare(noise.freedom, size=(n, 1)))  # the scale of all the noise
     reference = irradiance * np.exp(sigma * rng.normal(size=(n, p)))
-    found = calibrate(model, unclipped(brightness, reference), "posterior", noise=noise, table=table)
+    found = calibrate(model, unclipped(brightness, reference), "posterior", discrepancy=False, noise=noise, table=table)
     for level, (low, high) in found.bands.items():
         for sample in (251, 512, 773):
             inside = (low[:, sample] <= curves[:, sample]) & (curves[:, sample] <= high[:, sample])
@@ -547,6 +549,6 @@ def test_bands_cover_nearly_as_often_when_it_is_brightness_that_errs(known):
     brightness = np.clip(exact + noise.brightness * rng.normal(size=exact.shape), 0, 1)
     given = {"reference": reference, "exposures": exposures}
     observations = Observations(brightness, **{each: given[each] for each in known})
-    low, high = calibrate(model, observations, "posterior", noise=noise, table=table).bands[0.9]
+    low, high = calibrate(model, observations, "posterior", discrepancy=False, noise=noise, table=table).bands[0.9]
     inside = (low <= curves) & (curves <= high)
     assert 0.85 < inside[:, 100:900].mean() < 0.97

@@ -167,3 +167,27 @@ def test_an_absolute_reference_tells_the_scale_too():
     assert np.mean(twice[low]) > 1.3 * np.mean(absolute[low])
     with pytest.raises(InputError, match="absolute=True needs both"):
         Observations(brightness, irradiance, absolute=True)
+
+
+def test_masked_brightness_weighs_nothing():
+    brightness = np.array([[0.2, 0.9, 0.5, 0.7], [0.3, 0.4, 0.6, 0.1]])
+    mask = np.array([[False, True, False, False], [False, False, False, True]])
+    seen = Observations(np.ma.array(brightness, mask=mask), [1.0, 2.0, 4.0, 9.0])
+    plain = Observations(brightness, [1.0, 2.0, 4.0, 9.0], weights=~mask)
+    assert np.array_equal(seen.counts, plain.counts)
+    model = load_model("Gamma-1")
+    assert np.allclose(calibrate(model, seen).curves, calibrate(model, plain).curves)
+
+
+@pytest.mark.parametrize("name", ["reference", "weights"])
+def test_masked_values_elsewhere_are_refused(name):
+    values = np.ma.array([1.0, 2.0, 4.0], mask=[False, True, False])
+    with pytest.raises(InputError, match=f"{name} holds 1 masked values; fill them"):
+        Observations([[0.2, 0.5, 0.7]], **{"reference": [1.0, 2.0, 4.0], name: values})
+
+
+def test_tensors_with_gradients_are_refused_and_generators_read():
+    torch = pytest.importorskip("torch")
+    with pytest.raises(InputError, match=r"reference is a tensor that requires gradients; use reference\.detach\(\)"):
+        Observations([[0.2, 0.5, 0.7]], torch.ones(3, requires_grad=True))
+    assert Observations([[0.2, 0.5, 0.7]], (2.0**i for i in range(3))).reference.tolist() == [[1.0, 2.0, 4.0]]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from crfbench.camera import Passport, calibrate_series, merge_series, read_series, render_series, write_hdr
-from crfbench.camera.series import sample_series
+from crfbench.camera.series import black_floor, sample_series
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.errors import InputError
@@ -384,3 +384,25 @@ def test_read_series_keeps_every_level_of_16_bits(tmp_path):
 def test_times_that_do_not_match(exposures):
     with pytest.raises(InputError, match=r"do not match 2 photographs|is not an exposure time"):
         read_series(["1.jpg", "2.jpg"], exposures)
+
+
+def test_photographs_that_contradict_their_exposures_are_told_apart():
+    series = render_series(load_opencrf().curves[5], 2, size=(96, 64))
+    wrong = np.array(series.stops, dtype=float)
+    wrong[2:] += 1.5  # between the second and the third
+    right, found = (calibrate_series(series.images, stops) for stops in (series.stops, wrong))
+    assert np.abs(np.diff(right.exposure_errors, axis=1)).max() < 0.3
+    steps = np.diff(found.exposure_errors, axis=1)[0]
+    assert steps.argmin() == 1
+    assert steps[1] < -0.5
+
+
+def test_a_floor_that_does_not_follow_the_exposure_is_found_and_told():
+    series = render_series(load_opencrf().curves[5], 3, size=(192, 128), stops=np.arange(-4.0, 3.0), decades=4.5)
+    assert not black_floor(series.images, series.stops, calibrate_series(series.images, series.stops).curves).any()
+    lifted = [np.maximum(image, 24) for image in series.images]
+    found = calibrate_series(lifted, series.stops)
+    assert "below brightness 0.1" in found.warnings[0][-1]
+    assert "nothing follows the exposure" in found.warnings[0][-1]
+    assert (found.curves[0][GRID < 20 / 255] == 0).all()
+    assert (found.bands[0.9][1][0][GRID < 20 / 255] >= 0).all()

@@ -1,12 +1,13 @@
 """One calibrator for every model, and what it gives."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from crfbench.calibration.mixture import marginalised
 from crfbench.calibration.observations import Observations
 from crfbench.calibration.paper_loss import AlignedLoss, descend
 from crfbench.calibration.posterior import Likelihood, Noise, Posterior, PosteriorSamples, drawn_samples, exact_samples
@@ -15,11 +16,13 @@ from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
+from crfbench.models.registry import channel_difference
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 LEVELS = (0.5, 0.9)
+_FREE = 50.0  # stops; exposures that err so much are as the photographs say
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,15 @@ class Calibration:
             d = d - ((counted * d).sum(axis=1) / np.maximum(counted.sum(axis=1), 1e-300))[:, None]
         return np.asarray(d)
 
+    @cached_property
+    def exposure_errors(self) -> Array:
+        """By how many stops each photograph seems brighter than its exposure says, (n, e); the median of a set is 0."""
+        likelihood, every = Likelihood(self.observations, replace(self.noise, exposure=_FREE)), slice(None)
+        brightness = self.observations.brightness
+        g = evaluate(self.curves, brightness.reshape(len(self), -1)).reshape(*brightness.shape, 1)
+        off = likelihood.squares(likelihood.residual(g, every), every)[1][:, :, 0] / np.log(2)
+        return np.asarray(off - np.median(off, axis=1, keepdims=True))
+
     @property
     def responses(self) -> Array:
         """Responses (irradiance to brightness), shape (n, 1024): the nearest valid curves, inverted."""
@@ -124,7 +136,8 @@ class Calibration:
 METHODS = ("paper", "grid", "lm", "map", "posterior")
 
 _FEW = 4  # patches; with fewer, the prior says much
-_WIDE = 1.25  # times the stated noise; beyond, something else than noise is at work
+# Times the stated noise; beyond, something else than noise is at work. With the discrepancy whole steps of it are told.
+_WIDE, _WIDE_WITH_DISCREPANCY = 1.25, 2.0
 
 
 def calibrate(
@@ -132,6 +145,8 @@ def calibrate(
     observations: Observations,
     method: str = "map",
     *,
+    discrepancy: bool = True,
+    channels: bool = False,
     noise: Noise | None = None,
     offset: bool = True,
     starts: int = 10,
@@ -147,10 +162,16 @@ def calibrate(
     observations : Observations
         One set or a batch; all are solved in one call.
     method : {"map", "posterior", "grid", "lm", "paper"}
-        "map": the most probable parameters under `noise` and the model's prior. "posterior": also the posterior
-        mean, bands and samples; exact for one parameter, weighted draws for more. "grid" (one parameter) and "lm":
-        the least loss of the paper, from a table of the whole range or many starts, polished. "paper": the same
-        loss as the paper minimises it, by Adam from random starts.
+        "map": the most probable curve under `noise` and what is known beforehand. "posterior": also bands and
+        samples; the curve is then their middle. "grid" (one parameter) and "lm": the least loss of the paper, from a
+        table of the whole range or many starts, polished. "paper": the same loss as the paper minimises it, by Adam
+        from random starts.
+    discrepancy : bool
+        Whether "map" and "posterior" allow for what the model misses of real curves, as its `discrepancy_` tells; else
+        the curve is one of the model's own.
+    channels : bool
+        Whether the sets are red, green and blue of one camera after another. Their curves then share what the data do
+        not tell apart; for "map" and "posterior" with discrepancy.
     noise : Noise, optional
         For "map" and "posterior".
     offset : bool
@@ -168,15 +189,27 @@ def calibrate(
     """
     noise = Noise() if noise is None else noise
     _check(model, observations, method, noise, table)
+    if channels and (len(observations) % 3 or not discrepancy or method not in ("map", "posterior")):
+        raise InputError(
+            f"channels=True with {len(observations)} sets, method={method!r} and discrepancy={discrepancy}; "
+            "use 3 sets a camera, 'map' or 'posterior', and discrepancy=True"
+        )
     check_count("starts", starts)
     check_seed(seed)
     began = time.perf_counter()
-    scale = samples = None
+    limit = _WIDE_WITH_DISCREPANCY if discrepancy else _WIDE
+    scale = samples = curves = None
     if method == "paper":
         z = descend(AlignedLoss(observations, offset), model, starts, seed)
     elif method in ("grid", "lm"):
         loss, table = AlignedLoss(observations, offset), table or decode_table(model, seed=seed)
         z = minimise(loss.objective(model), table, loss.on_table(table))
+    elif discrepancy:
+        table = table or decode_table(model, seed=seed)
+        difference = channel_difference() if channels else None
+        z, curves, scale, samples = marginalised(
+            model, observations, noise, table, seed, method == "posterior", difference
+        )
     else:
         posterior, table = Posterior(observations, noise), table or decode_table(model, seed=seed)
         logs = posterior.log_likelihood_on(table)
@@ -185,13 +218,13 @@ def calibrate(
         if method == "posterior":
             one = model.n_params == 1
             samples = exact_samples(table, logs) if one else drawn_samples(posterior, model, z, seed)
-    params = model.from_unconstrained(z)
-    curves, bands = model.decode(params), {}
+            curves = samples.mean()
+    params, bands = model.from_unconstrained(z), {}
+    curves = model.decode(params) if curves is None else curves
     if samples is not None:
-        curves = samples.mean()
         quantiles = iter(samples.quantiles(tuple(0.5 + side * level / 2 for level in LEVELS for side in (-1, 1))))
         bands = {level: (next(quantiles), next(quantiles)) for level in LEVELS}
-    warnings, seconds = _warnings(model, observations, z, scale, samples), time.perf_counter() - began
+    warnings, seconds = _warnings(model, observations, z, scale, samples, limit), time.perf_counter() - began
     return Calibration(model, method, observations, noise, params, curves, warnings, seconds, scale, samples, bands)
 
 
@@ -213,7 +246,12 @@ def _check(model: ResponseModel, observations: Observations, method: str, noise:
 
 
 def _warnings(
-    model: ResponseModel, observations: Observations, z: Array, scale: Array | None, samples: PosteriorSamples | None
+    model: ResponseModel,
+    observations: Observations,
+    z: Array,
+    scale: Array | None,
+    samples: PosteriorSamples | None,
+    limit: float,
 ) -> tuple[tuple[str, ...], ...]:
     wide = np.zeros(len(z)) if scale is None else scale
     used = observations.weights > 0
@@ -228,7 +266,7 @@ def _warnings(
                 (patches[i] < _FEW, f"only {patches[i]} patches: the prior says much of this curve"),
                 (falling[i], "brightness falls where the reference rises; check the order of the patches"),
                 (
-                    wide[i] > _WIDE,
+                    wide[i] > limit,
                     f"the observations scatter {wide[i]:.1f} times as widely as their noise lets expect; check that "
                     "the scene stood still and that exposures and reference are right",
                 ),

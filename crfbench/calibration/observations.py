@@ -28,7 +28,7 @@ class Observations:
     Parameters
     ----------
     brightness : array_like, shape (e, p) or (n, e, p)
-        Of `p` patches in `e` photographs, from 0 to 1.
+        Of `p` patches in `e` photographs, from 0 to 1; values of a masked array that are masked weigh nothing.
     reference : array_like, shape (p,) or (n, p), optional
         Irradiance of each patch in any unit; None when it is not known (then `exposures` must be).
     exposures : array_like, shape (e,) or (n, e), optional
@@ -43,6 +43,9 @@ class Observations:
     absolute : bool
         Whether reference x 2^exposure is irradiance in units of full scale, as RAW files tell it, so that the scale is
         known too. It needs both.
+    colour : array_like, shape (p,) or (n, p), optional
+        By how much, in log, the mean of the channels of a coloured patch lies above its brightness (`colour_error`).
+        With a discrepancy the reference is lowered so far, and the patch counts for less.
     """
 
     def __init__(
@@ -54,8 +57,10 @@ class Observations:
         weights: ArrayLike | None = None,
         reference_error: ArrayLike = REFERENCE_ERROR,
         absolute: bool = False,
+        colour: ArrayLike = 0.0,
     ) -> None:
-        b = as_finite("brightness", brightness)
+        masked = np.ma.getmaskarray(brightness) if isinstance(brightness, np.ma.MaskedArray) else np.False_
+        b = as_finite("brightness", np.ma.filled(brightness, 0.5) if masked.any() else brightness)
         if b.ndim not in (2, 3) or not b.size:
             raise InputError(f"brightness has shape {b.shape}; use (images, patches) or (n, images, patches), none 0")
         if b.min() < 0 or b.max() > 1:
@@ -65,12 +70,15 @@ class Observations:
         n, e, p = b.shape
         beyond = (b <= 0) | (b >= SATURATED) if clipped is None else as_finite("clipped", clipped) != 0
         self.clipped: NDArray[np.bool_] = _fit("clipped", beyond, (n, e, p))
-        self.weights: Array = _fit("weights", as_finite("weights", 1.0 if weights is None else weights), (n, e, p))
+        self.weights: Array = _fit(
+            "weights", as_finite("weights", 1.0 if weights is None else weights) * ~masked, (n, e, p)
+        )
         if self.weights.min() < 0 or self.weights.max() > _MOST:
             raise InputError(f"weights run from {self.weights.min():g} to {self.weights.max():g}; use 0 to {_MOST:g}")
         self.reference = None if reference is None else _positive("reference", reference, (n, p))
         self.reference_error = _positive("reference_error", reference_error, (n, p))
         self.exposures = None if exposures is None else _stops(exposures, (n, e))
+        self.colour: Array = _fit("colour", as_finite("colour", colour), (n, p))
         self.absolute = bool(absolute)
         if self.absolute and (reference is None or exposures is None):
             raise InputError("absolute=True needs both reference and exposures; give them, or leave it out")
@@ -104,8 +112,22 @@ class Observations:
         channels = as_finite("rgb", rgb)
         if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
             raise InputError(f"rgb has shape {channels.shape}; use (images, patches, 3) or (n, images, patches, 3)")
-        error = np.hypot(REFERENCE_ERROR, colour_error(channels))
-        return cls(channels.mean(axis=-1), reference, **{"reference_error": error, **others})
+        colour = colour_error(channels)
+        defaults = {"reference_error": np.hypot(REFERENCE_ERROR, colour), "colour": colour}
+        return cls(channels.mean(axis=-1), reference, **{**defaults, **others})
+
+    def of_sets(self, sets: slice) -> Self:
+        """Keep some of the `n` sets."""
+        return type(self)(
+            self.brightness[sets],
+            None if self.reference is None else self.reference[sets],
+            None if self.exposures is None else self.exposures[sets],
+            self.clipped[sets],
+            self.weights[sets],
+            self.reference_error[sets],
+            self.absolute,
+            self.colour[sets],
+        )
 
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
         """Keep some patches, by index from 0."""
@@ -122,6 +144,7 @@ class Observations:
             self.weights[..., chosen],
             self.reference_error[:, chosen],
             self.absolute,
+            self.colour[:, chosen],
         )
 
     def _check_information(self) -> None:

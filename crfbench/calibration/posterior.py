@@ -1,5 +1,6 @@
 """The posterior: likelihood in log irradiance times the model's prior, its samples, and the bands that they give."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,10 +37,15 @@ class Noise:
     independent: float = 0.25
     # degrees of freedom with which these figures are believed; the data may scale all of them together
     freedom: float = 2.0
+    # of log irradiance at each reading, of what is too fine for a discrepancy
+    fine: float = 0.03
+    # photographs of one scene that count as independent, beside a discrepancy; of more each counts for less, for
+    # light, dirt and glare are the same in all of them
+    repeats: float = 2.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            check_number(f"noise {name}", value, _LEAST, 1 / _LEAST)
+            check_number(f"noise {name}", value, _LEAST, np.inf if name == "repeats" else 1 / _LEAST)
 
     def relative(self, brightness: Array) -> Array:
         """Return the relative standard deviation of the irradiance that the brightness of a patch tells."""
@@ -58,7 +64,7 @@ class Likelihood:
         self.precision = counts * np.minimum(observations.weights / self.variance, _SHARPEST)
         known = observations.reference is not None
         self.error = np.clip(observations.reference_error, _LEAST, _UNKNOWN) if known else _UNKNOWN
-        self.offset = _offset(observations)
+        self.offset = log_offset(observations)
         # Variance that is left of each patch's reference error u_p once its photographs have been seen.
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
         sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
@@ -140,7 +146,7 @@ class Likelihood:
         return i, (exposures[i, e] - d[i, e, p]) * clip[i, e, p][:, None]
 
 
-def _offset(observations: Observations) -> Array:
+def log_offset(observations: Observations) -> Array:
     """Return the log irradiance that reference and exposure tell, shape (n, e, p).
 
     Unless the reference is absolute it is centred, so that nothing depends on the reference's unit or the zero of the
@@ -255,6 +261,12 @@ class PosteriorSamples:
     order: np.ndarray
     weights: Array  # shape (n, t); they sum to 1
     log_evidence: Array  # shape (n,); log of the likelihood averaged over the prior
+
+    @classmethod
+    def concatenated(cls, parts: Iterable["PosteriorSamples"]) -> "PosteriorSamples":
+        """Join samples of several batches, each calibration with draws of its own."""
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
 
     def mean(self) -> Array:
         """Return the mean curves, shape (n, 1024)."""

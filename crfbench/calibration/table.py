@@ -16,6 +16,7 @@ from crfbench.curves import N_SAMPLES, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 from crfbench.models.base import Prior
+from crfbench.models.discrepancy import at_knots
 from crfbench.numerics import Objective, levenberg_marquardt
 
 #: The samples at which bands are computed: every eighth and the last, 129 of them.
@@ -24,6 +25,7 @@ BAND_SAMPLES = np.append(np.arange(0, N_SAMPLES, 8), N_SAMPLES - 1)
 ONE_PARAMETER, MORE_PARAMETERS = 512, 1024  # rows
 _REACH = 5.0  # standard deviations of the prior, and the least reach of an unconstrained parameter
 _FEWEST = 16  # rows
+N_NEARBY, _NEARBY = 256, 0.25  # draws near the best parameters, and their spread in that of the prior
 _CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
 
@@ -40,6 +42,11 @@ class Table:
     def by_sample(self) -> NDArray[np.float32]:
         """The curves, sample by sample: (1024, t), so that a look-up reads neighbouring numbers."""
         return np.ascontiguousarray(self.curves.T)
+
+    @cached_property
+    def at_knots(self) -> Array:
+        """Log irradiance at the knots, shape (t, 64)."""
+        return at_knots(np.clip(self.curves, 0.0, 1.0))
 
     @cached_property
     def order(self) -> np.ndarray:
@@ -98,6 +105,8 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
         reach = max(_REACH * sd, _REACH)
         z = mean + np.linspace(-reach, reach, rows or ONE_PARAMETER)[:, None]
         log_prior = -0.5 * ((z[:, 0] - mean) / sd) ** 2
+    elif prior.centres is not None and prior.weights is not None:
+        z, log_prior = prior.centres, np.log(prior.weights)
     else:
         z = np.concatenate([prior.mean[None], prior.sample((rows or MORE_PARAMETERS) - 1, seed)])
         log_prior = np.zeros(len(z))  # how often a region is drawn is its prior already
@@ -106,7 +115,27 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
     return Table(z, params, model.decode(params, np.float32), log_prior)
 
 
-N_STARTS = 4  # of models with several parameters
+def rows_near(model: ResponseModel, table: Table, best: Array, seed: int) -> tuple[Array, NDArray[np.float32], Array]:
+    """Return a table's rows and as many draws near each of the parameters z (n, k), as one sample of the prior.
+
+    Where data say much, few rows of a table of several parameters lie near the truth. Weights follow the balance
+    heuristic (Veach and Guibas 1995, doi:10.1145/218380.218498). Returns unconstrained parameters (n, r, k), the curves
+    of the draws (n, d, 1024) and the log weights of all (n, r).
+    """
+    prior, (n, k), rows = learned_prior(model), best.shape, len(table.unconstrained)
+    root = np.linalg.cholesky(prior.covariance)
+    drawn = best[:, None] + _NEARBY * np.random.default_rng(seed).standard_normal((N_NEARBY, k)) @ root.T
+    z = np.concatenate([np.broadcast_to(table.unconstrained, (n, rows, k)), drawn], axis=1)
+    at_prior, at_draw = (-0.5 * (np.linalg.solve(root, off.reshape(-1, k).T) ** 2).sum(axis=0).reshape(z.shape[:2])
+                         for off in (z - prior.mean, (z - best[:, None]) / _NEARBY))  # fmt: skip
+    at_draw -= k * np.log(_NEARBY)
+    log_weight = at_prior - np.logaddexp(np.log(rows) + at_prior, np.log(N_NEARBY) + at_draw)
+    curves = model.decode(model.from_unconstrained(drawn.reshape(-1, k)), np.float32).reshape(n, N_NEARBY, -1)
+    return z, curves, log_weight
+
+
+N_STARTS = 4  # of models with several parameters: so many lowest rows, and so many others
+_APART = 0.7  # standard deviations of the table between rows of different folds
 _NEAR = 0.01  # a valley of the table this share above the lowest may lie below it once polished
 
 
@@ -125,7 +154,7 @@ def minimise(objective: Objective, table: Table, values: Array) -> Array:
     `objective` takes z (m, k) and the sets of observations (m,) that they belong to, see `crfbench.numerics.Objective`;
     `values` (n, t) are the loss of every row for each set. They may differ from the objective by any rising function.
     """
-    sets, rows = _valleys(values) if table.unconstrained.shape[1] == 1 else _best(values)
+    sets, rows = _valleys(values) if table.unconstrained.shape[1] == 1 else _best(values, table.unconstrained)
     z, cost = levenberg_marquardt(
         lambda z, starts: objective(z, sets[starts]), table.unconstrained[rows], max_steps=30, tolerance=1e-12
     )
@@ -142,7 +171,19 @@ def _valleys(values: Array) -> tuple[np.ndarray, np.ndarray]:
     return sets, rows
 
 
-def _best(values: Array) -> tuple[np.ndarray, np.ndarray]:
-    """Return sets and rows of the `N_STARTS` lowest values of each set."""
-    rows = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
-    return np.repeat(np.arange(len(values)), N_STARTS), rows.ravel()
+def _best(values: Array, unconstrained: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Return sets and rows of the lowest values of each set, and of the lowest of other folds of the family.
+
+    A family of several parameters folds: two far regions may make much the same curve, and the lower one need not hold
+    the lowest row.
+    """
+    lowest = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
+    scaled = unconstrained / unconstrained.std(axis=0)
+    near = ((scaled[:, None] - scaled) ** 2).sum(axis=2) < _APART**2
+    left = np.where(near[lowest].any(axis=1), np.inf, values)
+    chosen = [lowest]
+    for _ in range(N_STARTS):
+        chosen.append(left.argmin(axis=1)[:, None])
+        left = np.where(near[chosen[-1][:, 0]], np.inf, left)
+    rows = np.concatenate(chosen, axis=1)
+    return np.repeat(np.arange(len(values)), rows.shape[1]), rows.ravel()

@@ -8,28 +8,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crfbench.calibration import Calibration, Noise
+from crfbench.calibration import Calibration
 from crfbench.calibration import calibrate as calibrate_observations
 from crfbench.camera.measuring import MeasuredChart, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.series import calibrate_series
-from crfbench.checks import check_count
+from crfbench.checks import check_choice, check_count
 from crfbench.curves import repair
 from crfbench.datasets.chart import load_labels
 from crfbench.errors import InputError
-from crfbench.models.registry import ModelKey
+from crfbench.models import DEFAULT_MODEL, ModelKey
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-# A chart's few patches leave more to the prior, which an SLR knows best; a series tells more than a network can show.
-_WITH_CHART, _WITHOUT_CHART = "SLR-ldl-3", "PPISP-4"
 _LEVEL = 0.9
+_CONTRADICTS = 0.5  # stops, between two photographs
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
-# RAW files tell exposures to a percent or two, and JPEG patches are means of many pixels.
-_WITH_RAW = Noise(brightness=0.01, exposure=0.02)
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class CameraCalibration:
     """What the photographs of one camera gave."""
 
     passport: Passport
-    calibration: Calibration  # of one set; `passport` holds its curve made monotone
+    calibration: Calibration  # of a set for each curve; `passport` holds the curves made monotone
     photographs: dict[str, Path]  # the JPEG of each photograph that counts
     problems: list[Problem]  # files that were left out
     patches: "DataFrame | None" = None  # the patch table, where there was a chart
@@ -45,14 +42,23 @@ class CameraCalibration:
     merged: Merged | None = None  # the linear image that an exposure series gives
     notes: list[str] = field(default_factory=list)  # what was assumed of the files, in sentences
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is to be said of the curves, with the channel's name where there are three."""
+        three = len(self.passport.curves) == 3
+        pairs = zip(self.passport.channels, self.calibration.warnings, strict=True)
+        said = [f"{name}: {text}" if three else text for name, texts in pairs for text in texts]
+        return [*said, *_contradictions(self.calibration, list(self.photographs))]
+
 
 def calibrate(
     source: Source,
     chart: str | Path = "auto",
     exposures: Exposures = None,
-    model: str | None = None,
+    model: str = DEFAULT_MODEL,
     created: str = "",
     *,
+    channels: str = "rgb",
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> CameraCalibration:
@@ -71,10 +77,12 @@ def calibrate(
         Exposure times of the photographs in any unit, in the order given, or in natural order of a folder: numbers,
         fractions such as "1/60", a file of them or those in the names, as `plan_photographs` takes them; default by
         EXIF. Refused where every photograph of a chart has its RAW file, as those tell the exposures better.
-    model : str, optional
-        Name of a bundled model of direction "inverse", by default "SLR-ldl-3" with a chart and "PPISP-4" without.
+    model : str
+        Name of a bundled model of direction "inverse".
     created : str
         ISO date for the passport.
+    channels : {"rgb", "shared"}
+        Without a chart: a curve for each channel, which differ as far as the data tell, or one for all.
     white_level : int, optional
         Of images of 16 bits a value, such as 4095; by default guessed from their greatest level (`find_white_level`).
     say : callable, optional
@@ -88,14 +96,15 @@ def calibrate(
     given = list(map(Path, [source] if isinstance(source, str | Path) else source))
     if missing := [path for path in given if not path.exists()]:
         raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
+    check_choice("channels", channels, ("rgb", "shared"))
     if white_level is not None:
         check_count("white_level", white_level, 255, 65535)
-    key = _inverse_model(model or (_WITHOUT_CHART if chart == "none" else _WITH_CHART))
+    key = _inverse_model(model)
     plan = plan_photographs(given, exposures, chart != "none", white_level)
     for text in (plan.table(), *plan.notes) if plan.pairs else ():
         say(text)
     if chart == "none":
-        return _from_series(plan, _NOMINAL if exposures is None else _EXACT, key, created)
+        return _from_series(plan, _NOMINAL if exposures is None else _EXACT, key, channels == "rgb", created)
     return _from_chart(plan, None if chart == "auto" else Path(chart), exposures is not None, key, created)
 
 
@@ -119,14 +128,13 @@ def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, cre
     if timed and all(pair.raw for pair in used.pairs):
         raise InputError("exposures are given, but RAW files tell them better; leave out one of the two")
     observations = observe_chart(patches, used.stops)
-    noise = _WITH_RAW if observations.absolute else Noise()
-    calibration = calibrate_observations(model, observations, "posterior", noise=noise)
+    calibration = calibrate_observations(model, observations, "posterior")
     passport = _passport(calibration, key, used, created)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes)
 
 
-def _from_series(plan: Plan, error: float, key: ModelKey, created: str) -> CameraCalibration:
+def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: str) -> CameraCalibration:
     model = key.load()
     images, used = read_planned(plan)
     if len(images) < 2:
@@ -134,20 +142,39 @@ def _from_series(plan: Plan, error: float, key: ModelKey, created: str) -> Camer
         raise InputError(
             f"{len(images)} photographs of a series are left{left} ({_reasons(used.problems)}); use two or more"
         )
-    calibration = calibrate_series(images, used.stops, model, exposure_error=error)
+    notes = plan.notes
+    try:
+        calibration = calibrate_series(images, used.stops, model, per_channel=rgb, exposure_error=error)
+    except InputError as problem:  # one channel may be too dark by itself
+        calibration = calibrate_series(images, used.stops, model, exposure_error=error)
+        notes = [*notes, f"one curve stands for all channels, for by themselves {problem}"]
     passport = _passport(calibration, key, used, created)
     merged = merge_series(images, used.stops, calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
-    return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=plan.notes)
+    return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
+
+
+def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
+    """Name the photographs that are not as far from the one before as their exposures say."""
+    given = calibration.observations.exposures
+    if given is None or given.shape[1] != len(names):
+        return []
+    order = np.argsort(given[0], kind="stable")
+    steps, off = np.diff(given[0, order]), np.diff(np.median(calibration.exposure_errors, axis=0)[order])
+    return [
+        f"{names[late]} is {round(step + more, 1) + 0.0:.1f} stops above {names[early]}; its exposure says {step:.1f}"
+        for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
+        if abs(more) > _CONTRADICTS
+    ]
 
 
 def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str) -> Passport:
     """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files."""
     exif = next((exif for exif in used.exifs if exif.model), used.exifs[0])
     files = [path for pair in used.pairs for path in (pair.jpeg, pair.raw) if path is not None]
-    low, high = (repair(curves[:1]) for curves in calibration.bands[_LEVEL])
-    curve = repair(calibration.curves[:1])
-    darkest, brightest = calibration.brightness_range[0].tolist()
+    low, high = (repair(curves) for curves in calibration.bands[_LEVEL])
+    curve = repair(calibration.curves)
+    darkest, brightest = calibration.brightness_range[:, 0].min(), calibration.brightness_range[:, 1].max()
     return Passport(
         "inverse",
         curve,
@@ -158,9 +185,9 @@ def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str)
         camera=exif.model or "",
         iso=None if exif.iso is None else round(exif.iso),
         model=str(key),
-        params=calibration.params[:1],
+        params=calibration.params,
         data_sha256=_digest(files),
-        valid_range=(darkest, brightest),
+        valid_range=(float(darkest), float(brightest)),
         created=created,
         white_level=used.white_level,
     )

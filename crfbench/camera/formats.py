@@ -24,6 +24,7 @@ class Format(ABC):
     """How a program stores a response."""
 
     suffix: ClassVar[str]  # the end of its files' names
+    channels: ClassVar[tuple[int, ...]] = (1, 3)  # how many curves it can hold
 
     @staticmethod
     @abstractmethod
@@ -316,6 +317,7 @@ class Hugin(Format):
     """
 
     suffix = ".pto"
+    channels = (1,)
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -361,6 +363,7 @@ class PCalib(Format):
     """
 
     suffix = "pcalib.txt"
+    channels = (1,)
 
     @staticmethod
     def write(passport: Passport) -> bytes:

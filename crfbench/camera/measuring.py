@@ -287,14 +287,16 @@ def observe_chart(patches: "DataFrame", exposures: ArrayLike | None = None) -> O
         error = np.hypot(_RAW_ERROR, colour)
         reference, weights = np.where(known, reference, 1.0), known.astype(float)
         return Observations(
-            brightness, reference, steps, clipped, weights=weights, reference_error=error, absolute=True
+            brightness, reference, steps, clipped, weights=weights, reference_error=error, absolute=True, colour=colour
         )
     steps = np.asarray(_by_photograph(patches, "exposure_step")[:, 0] if exposures is None else exposures)
     if np.shape(steps) != (len(rgb),):
         raise InputError(f"there are {np.size(steps)} exposures for {len(rgb)} photographs with a chart; give one each")
     reference = np.maximum(chart_colours(), 0.0).mean(axis=1)
     known_steps = steps if np.isfinite(steps).all() else None
-    return Observations(brightness, reference, known_steps, clipped, reference_error=np.hypot(_CHART_ERROR, colour))
+    return Observations(
+        brightness, reference, known_steps, clipped, reference_error=np.hypot(_CHART_ERROR, colour), colour=colour
+    )
 
 
 def separate(raw: Array, clipped: np.ndarray) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 import base64
 import io
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,7 +32,8 @@ _GREYS = slice(18, 24)
 def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
     """Write passport, exports, report and merged image into a folder, yielding each path as it is complete.
 
-    An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out.
+    An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out, and of three
+    curves what holds but one.
 
     Parameters
     ----------
@@ -41,7 +43,8 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
         Else, where one of the files is there, `InputError` is raised before anything is written.
     """
     folder = Path(folder)
-    paths = {name: folder / _file_name(name) for name in FORMATS}
+    held = len(result.passport.curves)
+    paths = {name: folder / _file_name(name) for name, each in FORMATS.items() if held in each.channels}
     for path in (*paths.values(), folder / _REPORT, *([folder / _MERGED] if result.merged else [])):
         check_new(path, overwrite)
     page = report_page(result)
@@ -129,27 +132,29 @@ def report_page(result: CameraCalibration) -> str:
 
     calibration = result.calibration
     with mpl.rc_context({"svg.hashsalt": "crfbench"}):  # else the names inside a picture would differ every time
-        curve = _picture(6.0, 4.5, lambda ax: plot_calibration(calibration, ax=ax))
-        residuals = _picture(6.0, 3.0, lambda ax: plot_residuals(calibration, ax=ax))
+        curves = {
+            name: (
+                _picture(6.0, 4.5, partial(plot_calibration, calibration, i)),
+                _picture(6.0, 3.0, partial(plot_residuals, calibration, i)),
+            )
+            for i, name in enumerate(result.passport.channels)
+        }
     # Names of files and cameras come from strangers: the template escapes them.
     source = files("crfbench.camera").joinpath("report.html.jinja").read_text(encoding="utf-8")
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(source)
     return template.render(
         result=result,
         facts=_facts(result),
-        warnings=calibration.warnings[0],
-        brightness=calibration.brightness_range[0].tolist(),
-        curve=curve,
-        residuals=residuals,
+        curves=curves,
         chart=_chart(result) if result.measured else None,
     )
 
 
 def _facts(result: CameraCalibration) -> dict[str, str]:
     passport, calibration = result.passport, result.calibration
-    counts = calibration.observations.counts[0]
-    residual = f"{_rms(calibration.residuals[0][counts])} of irradiance"
-    greys = calibration.residuals[0][:, _GREYS][counts[:, _GREYS]]
+    counts, residuals = calibration.observations.counts, calibration.residuals
+    residual = f"{_rms(residuals[counts])} of irradiance"
+    greys = residuals[:, :, _GREYS][counts[:, :, _GREYS]]
     if result.measured and greys.size:
         residual += f"; of the grey patches {_rms(greys)}"
     return {

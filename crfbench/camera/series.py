@@ -4,6 +4,7 @@ What a series is calibrated from are small flat blocks of the photographs that c
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from crfbench.calibration import Calibration, Noise, Observations, calibrate
 from crfbench.calibration.observations import SATURATED
 from crfbench.checks import as_numbers, check_count, check_seed
-from crfbench.curves import Array
+from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
-from crfbench.models import ResponseModel, load_model
+from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
 
 Image = NDArray[Any]
 
@@ -22,9 +23,14 @@ _STOPS = 60.0  # between least and greatest exposure; more cannot be one camera'
 _SIDE = 5  # pixels of a block along each side
 _STRATA = 32  # of equal width in brightness
 _FLATTEST = 0.25  # share of a stratum that is drawn from
+# Of many blocks, neighbours in brightness repeat how a curve is missed.
+_VALUES = 32.0
+# Blocks are means of many pixels; in the dark, whole levels and stray light count for more than noise.
+_READING, _FINE = 0.005, 0.1
+# Of the black floor: pixels that are looked at, stops to the next longer exposure, levels of 255 that may be floor and
+# that have risen so far that they say nothing, share of the pixels that three levels need.
+_FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200, 0.0007
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
-# Of its many blocks, neighbours in brightness repeat how a model misses the curve.
-_INDEPENDENT = 24.0
 
 
 def calibrate_series(
@@ -45,8 +51,7 @@ def calibrate_series(
     images, exposures
         As in `sample_series`.
     model : ResponseModel, optional
-        Of direction "inverse", with a prior; by default PPISP-4: a series that fills the range tells more than one
-        number, and of uncommon responses, as of film, a single latent number misses much.
+        Of direction "inverse", with prior and discrepancy; by default `crfbench.models.DEFAULT_MODEL`.
     method : {"posterior", "map"}
         As in `crfbench.calibrate`.
     n, seed, per_channel
@@ -61,10 +66,70 @@ def calibrate_series(
         reach, that the curve ends in (1, 1) is the model's word.
     """
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
-    # However many blocks there are, those of a set count as `_INDEPENDENT` ones.
-    measured = float(observations.counts.sum(axis=(1, 2)).mean())
-    noise = Noise(exposure=exposure_error, independent=min(1.0, _INDEPENDENT / measured))
-    return calibrate(model or load_model("PPISP-4"), observations, method, noise=noise, seed=seed)
+    noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
+    model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
+    found = calibrate(model, _weighted(observations), method, channels=channels, noise=noise, seed=seed)
+    floor = black_floor(images, exposures, found.curves)
+    if not floor.any():
+        return found
+    light = observations.brightness > floor[:, None, None]
+    found = calibrate(model, _weighted(observations, light), method, channels=channels, noise=noise, seed=seed)
+    return _above_floor(found, floor)
+
+
+def black_floor(images: Sequence[ArrayLike], exposures: ArrayLike, curves: Array) -> Array:
+    """Return the brightness of each curve (c, 1024) from which on brightness follows the exposure, (c,); 0 is usual.
+
+    Scans, lifted blacks and stray light have a floor that does not. The pixels of a level rise, in the next longer
+    exposure, to where the curve says; where they rise by less than half as much, their level is no light.
+    """
+    arrays, stops = as_series(images), as_stops(exposures, len(images))
+    order = np.argsort(stops, kind="stable")
+    step = max(1, arrays[0][..., 0].size // _FLOOR_PIXELS)
+    levels = np.stack([np.reshape(arrays[i], (-1, arrays[i].shape[2]))[::step] for i in order])
+    levels = levels >> 8 if levels.dtype == np.uint16 else levels
+    if len(curves) == 1:
+        levels = levels.reshape(len(levels), -1, 1)
+    following = np.searchsorted(stops[order], stops[order] + _FLOOR_STOPS)
+    pairs = [(k, later) for k, later in enumerate(following) if later < len(stops)]
+    told = evaluate(curves, np.arange(256) / 255)
+    edges = [_floor(levels[..., c].astype(np.intp), stops[order], g, pairs) for c, g in enumerate(told)]
+    return np.array(edges) / 255.0
+
+
+def _floor(levels: NDArray[np.intp], stops: Array, curve: Array, pairs: list[tuple[int, int]]) -> int:
+    """Return the first of 256 levels, of photographs (e, pixels), that follows the exposure."""
+    every = np.arange(256)
+    # Strictly rising, so that it can be inverted.
+    light = np.log2(np.maximum(np.maximum.accumulate(curve), 1e-12)) + 1e-9 * every
+    sums = np.zeros((3, 256))
+    for early, late in pairs:
+        use = levels[late] < _RISEN
+        now, rise = levels[early][use], (levels[late] - levels[early])[use]
+        many = np.bincount(now, minlength=256)
+        expected = np.interp(light + stops[late] - stops[early], light, every) - every
+        sums += np.bincount(now, rise, 256), many * expected, many
+    risen, rises, count = (np.convolve(row, np.ones(3), "same") for row in sums)
+    still = (risen < 0.5 * rises) & (count > _FLOOR_SHARE * max(count.sum(), 1))
+    return int(np.flatnonzero(still[:_DARK]).max(initial=-1)) + 1
+
+
+def _above_floor(found: Calibration, floor: Array) -> Calibration:
+    """Give what lies below the floor irradiance 0, up to what its band says, and tell it."""
+    below = floor[:, None] > GRID
+    bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
+    text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
+    told = ((text.format(edge),) if edge > 0 else () for edge in floor)
+    warnings = tuple((*old, *new) for old, new in zip(found.warnings, told, strict=True))
+    return replace(found, curves=np.where(below, 0.0, found.curves), bands=bands, warnings=warnings)
+
+
+def _weighted(observations: Observations, light: NDArray[np.bool_] | bool = True) -> Observations:
+    """Leave out what is no light, and let each photograph but one tell no more than `_VALUES` values of each set."""
+    o, counts = observations, observations.counts
+    free = counts.sum(axis=(1, 2)) - counts.any(axis=1).sum(axis=1)
+    share = np.minimum(1.0, _VALUES * (counts.shape[1] - 1) / np.maximum(free, 1))
+    return Observations(o.brightness, None, o.exposures, o.clipped, o.weights * light * share[:, None, None])
 
 
 def sample_series(

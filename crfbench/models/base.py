@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from crfbench.checks import as_finite, check_count, check_seed
 from crfbench.curves import Array, Direction, as_curves, check_direction, repair
 from crfbench.errors import InputError
+from crfbench.models.discrepancy import Discrepancy
 from crfbench.numerics import levenberg_marquardt, normal_equations
 
 #: From parameters (m, k) to values (m, p) and their Jacobians (m, p, k).
@@ -32,10 +33,12 @@ Evaluation = Callable[[Array], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Prior:
-    """A normal distribution over the unconstrained parameters of a model."""
+    """A normal distribution over the unconstrained parameters of a model, or a mixture of that mean and covariance."""
 
     mean: Array  # shape (k,)
     covariance: Array  # shape (k, k)
+    centres: Array | None = None  # shape (c, k); of a mixture
+    weights: Array | None = None  # shape (c,); of the centres, they sum to 1
 
     @classmethod
     def from_samples(cls, samples: Array) -> Self:
@@ -44,11 +47,17 @@ class Prior:
             raise InputError(f"samples of shape {np.shape(samples)} give no prior; use (n, k) of two or more curves")
         return cls(samples.mean(axis=0), np.atleast_2d(np.cov(samples, rowvar=False)))
 
+    @classmethod
+    def from_centres(cls, centres: Array, weights: Array) -> Self:
+        """Return a mixture about centres (c, k)."""
+        return cls(weights @ centres, np.cov(centres, rowvar=False, aweights=weights), centres, weights)
+
     def sample(self, n: int, seed: int) -> Array:
         """Draw unconstrained parameters, shape (n, k)."""
-        return np.random.default_rng(check_seed(seed)).multivariate_normal(
-            self.mean, self.covariance, size=check_count("n", n, least=0)
-        )
+        generator, size = np.random.default_rng(check_seed(seed)), check_count("n", n, least=0)
+        if self.centres is None:
+            return generator.multivariate_normal(self.mean, self.covariance, size=size)
+        return self.centres[generator.choice(len(self.centres), size, p=self.weights)]
 
 
 class ResponseModel(ABC):
@@ -65,6 +74,8 @@ class ResponseModel(ABC):
     param_names : tuple of str, length n_params
     prior_ : Prior or None
         Learned by `learn_prior`; models from `crfbench.load_model` have one.
+    discrepancy_ : Discrepancy or None
+        How the model misses curves, learned by `crfbench.calibration.learn_discrepancy`; bundled models have one.
     """
 
     name: ClassVar[str]
@@ -74,6 +85,7 @@ class ResponseModel(ABC):
         self.direction = check_direction(direction)
         self.param_names: tuple[str, ...] = tuple(f"parameter {i + 1}" for i in range(self.n_params))
         self.prior_: Prior | None = None
+        self.discrepancy_: Discrepancy | None = None
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(n_params={self.n_params}, direction={self.direction!r})"

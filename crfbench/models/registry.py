@@ -6,6 +6,8 @@ as the name of a weights file. A new model gets its line in `MODELS` and joins t
 """
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +18,11 @@ from crfbench.datasets import load_emor_basis
 from crfbench.errors import FormatError, InputError
 from crfbench.files import NPZ_DAMAGE, bundled
 from crfbench.models.base import ClosedForm, Prior, ResponseModel
+from crfbench.models.discrepancy import Discrepancy
 from crfbench.models.emor import EMoR
 from crfbench.models.gamma import Gamma
 from crfbench.models.ggcm import GGCM
+from crfbench.models.kernel import Kernel
 from crfbench.models.polynomial import Polynomial
 from crfbench.models.ppisp import PPISP
 from crfbench.models.slr import SLR
@@ -30,9 +34,14 @@ MODELS: dict[type[ClosedForm], tuple[int, ...]] = {
     GGCM: (1, 2, 3, 4),
     EMoR: (1, 2, 3, 4),
     PPISP: (4,),
+    Kernel: (8,),
 }
 
+#: What cameras are calibrated with: of all priors measured, the nearest to cameras that it has not seen.
+DEFAULT_MODEL = "Kernel-8"
+
 PRIORS = "data/dorf_priors.npz"
+DISCREPANCIES = "data/discrepancies.npz"
 WEIGHTS = "data/weights"
 
 _NAME = re.compile(r"([a-z]+)(?:-([a-z]+))?-(\d+)(?:-(forward|inverse))?", re.IGNORECASE)
@@ -100,24 +109,44 @@ class ModelKey:
             same = [str(key) for key in bundled_models() if key.family == self.family] or map(str, bundled_models())
             raise InputError(f"no model {str(self)!r} is bundled; use one of {', '.join(same)}")
         if self.family == SLR.name:
-            return SLR.load(bundled(WEIGHTS) / f"{self}.safetensors")
-        try:
-            with bundled(PRIORS).open("rb") as file, np.load(file, allow_pickle=False) as learned:
-                model = self._bare(learned)
-                if f"{self}.mean" in learned:  # a model that is new in `MODELS` waits for scripts/build_priors.py
-                    model.prior_ = Prior(learned[f"{self}.mean"], learned[f"{self}.covariance"])
-        except NPZ_DAMAGE as error:
-            raise FormatError(f"{PRIORS} is damaged ({error}); install crfbench again to restore it") from None
+            model: ResponseModel = SLR.load(bundled(WEIGHTS) / f"{self}.safetensors")
+        else:
+            model = self._formula()
+        with _reading(DISCREPANCIES) as missed:
+            if f"{self}.factor" in missed:
+                model.discrepancy_ = Discrepancy(missed[f"{self}.factor"], missed[f"{self}.scale_weight"])
         return model
 
-    def _bare(self, learned: "np.lib.npyio.NpzFile") -> ResponseModel:
-        """Return the model without its prior; EMoR takes its basis from the same file."""
-        if self.family == EMoR.name:
-            basis = learned[f"basis-{self.direction}"].astype(np.float64)
-            return EMoR(basis[0], basis[1:], self.n_params, self.direction)
-        # The other formulas learn nothing from curves, so any will do.
+    def _formula(self) -> ResponseModel:
+        """Return a model with a formula; what EMoR and the kernel mixture learn lies beside the priors."""
         (kind,) = (kind for kind in MODELS if kind.name == self.family)
-        return kind.from_curves(GRID, self.n_params, self.direction)
+        with _reading(PRIORS) as learned:
+            if kind is EMoR or kind is Kernel:
+                basis = learned[f"basis-{self.direction}" if kind is EMoR else f"{self}.basis"].astype(np.float64)
+                model: ResponseModel = kind(basis[0], basis[1:], self.n_params, self.direction)
+            else:  # the others learn nothing from curves, so any will do
+                model = kind.from_curves(GRID, self.n_params, self.direction)
+            if f"{self}.centres" in learned:
+                model.prior_ = Prior.from_centres(learned[f"{self}.centres"], learned[f"{self}.weights"])
+            elif f"{self}.mean" in learned:  # a model that is new in `MODELS` waits for scripts/build_priors.py
+                model.prior_ = Prior(learned[f"{self}.mean"], learned[f"{self}.covariance"])
+            return model
+
+
+@contextmanager
+def _reading(name: str) -> Iterator["np.lib.npyio.NpzFile"]:
+    """Open a bundled npz file; damage is a `FormatError`."""
+    try:
+        with bundled(name).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            yield stored
+    except NPZ_DAMAGE as error:
+        raise FormatError(f"{name} is damaged ({error}); install crfbench again to restore it") from None
+
+
+def channel_difference() -> Discrepancy:
+    """Load how the channels of one camera differ from their mean."""
+    with _reading(DISCREPANCIES) as learned:
+        return Discrepancy(learned["channels.factor"], learned["channels.scale_weight"])
 
 
 def bundled_models() -> list[ModelKey]:

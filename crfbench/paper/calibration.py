@@ -163,7 +163,7 @@ def _calibrated(
     method, channel, seed = how
     model = load_model(name)
     observations, jpeg, raw = chart_observations(chart, channel)
-    results = [calibrate(model, observations.take(subset), method, seed=seed) for subset in subsets]
+    results = [calibrate(model, observations.take(subset), method, discrepancy=False, seed=seed) for subset in subsets]
     cameras = np.mean([camera_rmse(result, jpeg, raw) for result in results], axis=0)
     covered = [coverage(result, observations, jpeg, raw) for result in results if result.bands]
     return cameras, float(np.mean(covered)) if covered else np.nan, sum(result.seconds for result in results)
@@ -273,7 +273,7 @@ def chart_free_curves(chart: PatchArrays, model: str, method: str = "posterior")
     rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])
     clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])
     observations = Observations.from_rgb(rgb, None, exposures=STEPS, clipped=clipped)
-    return repair(calibrate(load_model(model), observations, method).curves)
+    return repair(calibrate(load_model(model), observations, method, discrepancy=False).curves)
 
 
 def opencv_curves(chart: PatchArrays, name: str) -> Array:

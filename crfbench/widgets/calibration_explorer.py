@@ -20,11 +20,12 @@ from crfbench.widgets.assets import SyncedTrait, bundle, join
 #: The names of the models that can be chosen.
 MODELS = (
     "SLR-ldl-1", "SLR-baseline-1", "SLR-monotone-1", "SLR-ldl-3", "SLR-monotone-3", "Polynomial-3", "GGCM-3",
-    "EMoR-3", "Gamma-1", "PPISP-4",
+    "EMoR-3", "Gamma-1", "PPISP-4", "Kernel-8",
 )  # fmt: skip
 _CHOICES = ("camera", "illumination", "model", "method", "patches")
 _METHODS = {
     "posterior": "posterior (with bands)",
+    "family": "posterior, no discrepancy",
     "map": "map (most probable)",
     "grid": "grid (least loss)",
     "lm": "lm (least loss)",
@@ -95,7 +96,7 @@ class CalibrationExplorer(anywidget.AnyWidget):
 
     @SyncedTrait
     def method(self, method: object) -> str:
-        """How: "posterior", "map", "paper", and "grid" for one parameter or "lm" for more; see `calibrate`."""
+        """How, as in `calibrate`; "family" is "posterior" without discrepancy, "lm" for several parameters."""
         return check_choice("method", method, _methods(self.model))
 
     @SyncedTrait
@@ -156,7 +157,8 @@ class CalibrationExplorer(anywidget.AnyWidget):
         jpeg, clipped = self._chart.jpeg[at], self._chart.clipped[at]
         seen = Observations.from_rgb(jpeg, middlebury.REFERENCE_IRRADIANCE, clipped=clipped)
         model, table = _decoded(self.model)
-        return calibrate(model, seen.take([patch - 1 for patch in self.patches]), self.method, table=table)
+        chosen, alone = seen.take([patch - 1 for patch in self.patches]), self.method == "family"
+        return calibrate(model, chosen, "posterior" if alone else self.method, discrepancy=not alone, table=table)
 
     def _at(self, held_out: bool = False) -> tuple[int, int]:
         """Return where the arrays hold the photographs that calibrate, or those that judge."""
@@ -178,7 +180,7 @@ def _decoded(name: str) -> tuple[ResponseModel, Table]:
 
 def _methods(model: str) -> list[str]:
     """Return the methods that fit a model."""
-    return ["posterior", "map", "grid" if ModelKey.parse(model).n_params == 1 else "lm", "paper"]
+    return ["posterior", "family", "map", "grid" if ModelKey.parse(model).n_params == 1 else "lm", "paper"]
 
 
 def _options(cameras: tuple[str, ...]) -> dict[str, object]:
@@ -211,8 +213,17 @@ def _show(result: Calibration, table: Table) -> dict[str, Any]:
 def _density(result: Calibration, table: Table) -> dict[str, Any]:
     """Return densities over the one unconstrained parameter: the prior, and the posterior if there is one."""
     z, model = table.unconstrained[:, 0], result.model
-    rows = [np.exp(table.log_prior)] + ([result.samples.weights[0]] if result.samples else [])
-    densities = np.stack(rows) / (z[1] - z[0])
+    rows = [np.exp(table.log_prior) / (z[1] - z[0])]
+    if result.samples is not None:
+        # Samples are the rows of the table themselves, or draws: of those, a histogram.
+        edges = z[:: len(z) // 64]
+        drawn = result.samples.unconstrained[0, :, 0]
+        height, _ = np.histogram(drawn, edges, weights=result.samples.weights[0], density=True)
+        exact = len(drawn) == len(z)
+        rows.append(
+            result.samples.weights[0] / (z[1] - z[0]) if exact else np.interp(z, 0.5 * (edges[1:] + edges[:-1]), height)
+        )
+    densities = np.stack(rows)
     # Where each is less than a thousandth of its peak, nothing would be seen of it.
     seen = np.flatnonzero((densities > 1e-3 * densities.max(axis=1, keepdims=True)).any(axis=0))
     part = slice(seen[0], seen[-1] + 1)

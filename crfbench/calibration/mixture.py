@@ -1,0 +1,472 @@
+"""The posterior with a learned discrepancy: exact for every row of a model's table, every scale and every noise level.
+
+With x = log g at the knots, written in a low-rank basis as x = mu + Psi v, component c of the family (a row of its
+table), scale a of the discrepancy, noise level t of the readings and ratio rho of the other errors to it:
+
+    prior   v | c, a ~ N(v_c, a^2 B B')
+    data    o_ep = x(b_ep) - u_p - s_e + noise,   noise ~ N(0, t^2 (slope^2 sigma_b^2 + fine^2) / weight)
+            u_p ~ N(0, (rho t)^2 error_p^2),      s_e ~ N(0, (rho t)^2 sigma_e^2) or unknown
+
+o is what reference and exposure tell. With P the precision of o after u and s are eliminated, G the basis at the
+readings and y = o - mu(b): A = G'PG, h = G'Py, B'AB = U diag(l) U', and for k = a / t
+
+    -2 log p(o | c, a, t, rho) = 2 nu log t + log|S| + sum_i log(1 + k^2 l_i)
+                                 + (R_c - sum_i k^2 y_ci^2 / (1 + k^2 l_i)) / t^2
+    R_c = y'Py - 2 v_c'h + v_c'A v_c,   y_c = U'B'(h - A v_c)
+    z_i | ...  ~  N(k^2 y_ci / (1 + k^2 l_i), a^2 / (1 + k^2 l_i)),   v = v_c + B U z
+
+One Gram matrix and one eigenbasis for each ratio serve all components, scales and noise levels.
+
+Channels of one camera share v: channel c has v + H_c1 F w_1 + H_c2 F w_2 in its place, with H the orthonormal contrasts
+of red, green and blue, F what channels differ by and w ~ N(0, (a q)^2 I). The state is then (v, w_1, w_2), and the Gram
+matrices of the channels add up.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.special import log_ndtr, logsumexp
+
+from crfbench.calibration.observations import Observations
+from crfbench.calibration.posterior import Noise, Posterior, PosteriorSamples, log_offset
+from crfbench.calibration.table import BAND_SAMPLES, N_NEARBY, Table, chunks, learned_prior, minimise, rows_near
+from crfbench.curves import Array
+from crfbench.errors import InputError
+from crfbench.models import ResponseModel
+from crfbench.models.discrepancy import SCALES, Discrepancy, at_knots, between_knots, from_knots
+
+Indices = NDArray[np.intp]
+
+_UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
+_RANK = 24  # of the basis; what is finer is `Noise.fine`
+_POWER = 0.001  # relative standard deviation of the power that exposures tell
+_MOST_STRETCH = 0.1
+_APART, _APART_WITH_RAW = 0.08, 0.02  # colour at which a patch counts half, where RAW tells the others well less
+_STEP = 4  # rows
+_TERMS = 256  # of the mixture that are kept for each set
+
+# By what the data may scale the noise of readings, and the other errors over it; both log-normal.
+_LEVELS: Array = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+_RATIOS: Array = np.array([0.5, 1.0, 2.0, 4.0])
+_LEVEL_MEAN, _LEVEL_SD, _SCALE_SD = 0.35, 0.9, 0.4
+
+
+def typical_slope(brightness: Array) -> Array:
+    """Return d log g / d log b of the mean measured response, for the noise of a reading.
+
+    It is the same for every model, so that their evidence can be compared.
+    """
+    return 0.21 + 0.57 * brightness / (brightness + 0.036) + 0.32 / (1.057 - brightness)
+
+
+def _level_weights() -> Array:
+    """Return the log prior over (ratios, levels)."""
+    level, scale = np.log(_LEVELS), np.log(_LEVELS) + np.log(_RATIOS)[:, None]
+    logs = -0.5 * ((level - np.log(_LEVEL_MEAN)) / _LEVEL_SD) ** 2 - 0.5 * (scale / _SCALE_SD) ** 2
+    return np.asarray(logs - logsumexp(logs))
+
+
+# Contrasts of red, green and blue: orthonormal, and each sums to 0, so that the shared curve is the mean.
+CONTRASTS: Array = np.array([(1, 1), (-1, 1), (0, -2)]) / np.sqrt([2, 6])
+_DIRECTIONS = 4  # by which channels differ
+
+
+class Family(NamedTuple):
+    """Components in a low-rank basis, and the discrepancy about each."""
+
+    mean: Array  # shape (64,); log irradiance at the knots
+    basis: Array  # shape (64, r)
+    components: Array  # shape (1 or n, c, r)
+    log_weight: Array  # shape (1 or n, c)
+    scale_weight: Array  # shape (a,)
+    factors: Array  # shape (q, s, s); B, or with channels diag(B, q I) for every scale q of their difference
+    channel_weight: Array  # shape (q,)
+    maps: Array  # shape (channels, r, s); from the state to each channel's v
+
+    @classmethod
+    def of(cls, logs: Array, log_weight: Array, discrepancy: Discrepancy) -> "Family":
+        """Find the basis that holds components (c, 64), of log weights (c,), and a discrepancy best."""
+        kernel, weight = discrepancy.kernel(), np.exp(log_weight - logsumexp(log_weight))
+        mean = weight @ logs
+        spread = (logs - mean).T @ (weight[:, None] * (logs - mean)) + kernel
+        basis = np.linalg.eigh(spread)[1][:, ::-1][:, :_RANK]
+        values, vectors = np.linalg.eigh(basis.T @ kernel @ basis)
+        factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        components, alone = ((logs - mean) @ basis)[None], np.eye(basis.shape[1])[None]
+        weights = discrepancy.scale_weight, factor[None], np.ones(1)
+        return cls(mean, basis, components, log_weight[None], *weights, alone)
+
+    def with_components(self, logs: Array, log_weight: Array) -> "Family":
+        """Return the family with components (n, c, 64) and log weights (n, c) for each set of observations."""
+        return self._replace(components=(logs - self.mean) @ self.basis, log_weight=log_weight)
+
+    def with_channels(self, difference: Discrepancy) -> "Family":
+        """Return the family of three channels that differ so; sets of observations are then theirs, in turn."""
+        project = self.basis.T @ difference.factor[:, -_DIRECTIONS:]
+        eye, more = np.eye(len(project)), 2 * _DIRECTIONS
+        maps = np.stack([np.hstack([eye, *(h * project for h in contrast)]) for contrast in CONTRASTS])
+        factors = np.stack([block_diag(self.factors[0], scale * np.eye(more)) for scale in SCALES])
+        components = np.pad(self.components, [(0, 0), (0, 0), (0, more)])
+        return self._replace(components=components, factors=factors, channel_weight=difference.scale_weight, maps=maps)
+
+
+class _Eliminated(NamedTuple):
+    """What the data say in the basis for one ratio, and how the unknowns follow from it; m cameras of n sets."""
+
+    a: Array  # shape (m, s, s)
+    h: Array  # shape (m, s)
+    square: Array  # shape (m,)
+    log_det: Array  # shape (m,)
+    exposures: Array  # shape (n, e, r + 1)
+    references: Array  # shape (n, p, r + 1)
+    share: Array  # shape (n, p); variance that is left of each reference's error
+
+
+class Readings:
+    """Observations in a basis, with references and exposures eliminated."""
+
+    def __init__(self, observations: Observations, noise: Noise, family: Family) -> None:
+        b = observations.brightness
+        self.observations, self.noise, self.maps = observations, noise, family.maps
+        self.independent = min(1.0, noise.repeats / b.shape[1])
+        # The channels of a coloured patch bend apart, and in each photograph otherwise.
+        apart = observations.colour / (_APART_WITH_RAW if observations.absolute else _APART)
+        self.weights = observations.weights * self.independent / (1.0 + apart[:, None] ** 2)
+        self.columns = between_knots(np.concatenate([family.basis, family.mean[:, None]], axis=1), b)
+        stretched = (log_offset(observations) - observations.colour[:, None]) * self._stretch()[:, None, None]
+        self.columns[..., -1] = stretched - self.columns[..., -1]
+        steep = typical_slope(b)
+        read = (steep * noise.brightness / np.maximum(b, 1 / 255)) ** 2
+        self.variance = read + noise.fine**2
+        self.precision = observations.counts * self.weights / self.variance
+        counted = observations.counts * self.weights
+        self.freedom = self._degrees()
+        # The density of a brightness is that of log irradiance times the slope, where the noise is the brightness's.
+        share = self.freedom / counted.sum(axis=(1, 2))
+        steepness = (counted * np.log(steep) * read / self.variance).sum(axis=(1, 2)) * share
+        self.constant = steepness - 0.5 * (counted * np.log(self.variance)).sum(axis=(1, 2))
+
+    def _stretch(self) -> Array:
+        """Return by how much references and exposures are stretched in log, (n,), against errors in variables.
+
+        A power 1 - d of curve, references and exposures together would shrink the noise of the readings with them, so
+        that a normal distribution of log irradiance prefers d > 0. In brightness, where the noise belongs, each free
+        reading takes the factor 1 - d back, which moves d by their number times its variance.
+        """
+        o, counts = self.observations, self.observations.counts
+        seen, known = counts.any(axis=1), np.zeros(len(counts))
+        if o.reference is not None:
+            weight, logs = seen / o.reference_error**2, np.log(o.reference)
+            mean = (weight * logs).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+            known += (weight * (logs - mean) ** 2).sum(axis=1)
+        if o.exposures is not None:
+            known += _POWER**-2
+        scales = counts.any(axis=2).sum(axis=1) if o.exposures is None else 0
+        share = (counts * self.weights).sum(axis=(1, 2)) / counts.sum(axis=(1, 2))
+        free = np.maximum(counts.sum(axis=(1, 2)) - seen.sum(axis=1) - scales, 0) * share
+        return np.asarray(1.0 + np.minimum(free / np.maximum(known, 1.0), _MOST_STRETCH))
+
+    def _degrees(self) -> Array:
+        """Count the readings beyond those that the eliminated unknowns take up, each by its weight; at least 1."""
+        o, counts = self.observations, self.observations.counts
+        n = (counts * o.weights).sum(axis=(1, 2))
+        scales = counts.any(axis=2).sum(axis=1) if o.exposures is None else 1 - o.absolute
+        patches = counts.any(axis=1).sum(axis=1) - 1 if o.reference is None else 0
+        return np.maximum((n - scales - patches) * self.independent, 1.0)
+
+    def errors(self, ratio: float) -> Array:
+        """Return the variance of each reference, (n, p)."""
+        known = self.observations.reference is not None
+        return (
+            (ratio * self.observations.reference_error) ** 2
+            if known
+            else np.full(self.precision[:, 0].shape, _UNKNOWN**2)
+        )
+
+    def exposure_prior(self, ratio: float) -> Array:
+        """Return the precision of the exposures before any data, (n or 1, e, e).
+
+        Errors of exposures that grow with the exposure are a power of the curve, which the noise of the readings would
+        shrink without end (errors in variables): so the power is known to `_POWER` by itself.
+        """
+        o, e = self.observations, self.precision.shape[1]
+        sigma = _UNKNOWN if o.exposures is None else ratio * self.noise.exposure * np.log(2)
+        prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
+        if o.absolute:
+            prior = prior + np.full((e, e), 1.0 / e) / sigma**2
+        if o.exposures is None or e == 1:
+            return prior[None]
+        trend = o.exposures - o.exposures.mean(axis=1, keepdims=True)
+        along = trend / np.maximum(np.sqrt((trend**2).sum(axis=1, keepdims=True)), 1e-6)
+        power = np.maximum((trend**2).sum(axis=1) * np.log(2) ** 2, 1e-12) * _POWER**2
+        return np.asarray(prior + along[:, :, None] * along[:, None] / power[:, None, None])
+
+    def eliminate(self, ratio: float) -> _Eliminated:
+        """Eliminate references, then exposures; see `crfbench.calibration.posterior.Likelihood`."""
+        w, d = self.precision, self.columns
+        n, e, p, k = d.shape
+        errors, prior = self.errors(ratio), self.exposure_prior(ratio)
+        share = 1.0 / (w.sum(axis=1) + 1.0 / errors)
+        by_patch = np.einsum("nep,nepk->npk", w, d)
+        crossed = w * share[:, None]
+        own = np.eye(e) * w.sum(axis=2)[:, None] - crossed @ np.swapaxes(w, 1, 2) + prior
+        h = np.einsum("nep,nepk->nek", w, d) - crossed @ by_patch
+        exposures = np.linalg.solve(own, h)
+        flat = (np.sqrt(w)[..., None] * d).reshape(n, e * p, k)
+        scaled = np.sqrt(share)[..., None] * by_patch
+        gram = np.swapaxes(flat, 1, 2) @ flat - np.swapaxes(scaled, 1, 2) @ scaled - np.swapaxes(h, 1, 2) @ exposures
+        log_det = np.log(errors / share).sum(axis=1) + np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
+        references = share[..., None] * (by_patch - np.swapaxes(w, 1, 2) @ exposures)
+        a, maps = gram[:, :-1, :-1].reshape(-1, len(self.maps), k - 1, k - 1), self.maps
+        coupled = (np.swapaxes(maps, 1, 2) @ a @ maps).sum(axis=1)
+        h_coupled = np.einsum("mcr,crs->ms", gram[:, :-1, -1].reshape(a.shape[:3]), maps)
+        square = self.by_camera(np.maximum(gram[:, -1, -1], 0.0))
+        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share)
+
+    def by_camera(self, values: Array) -> Array:
+        """Sum over the channels of each camera, (n,) to (m,)."""
+        return np.asarray(values.reshape(-1, len(self.maps)).sum(axis=1))
+
+    def told(self) -> list[tuple[int, Indices, Any, float]]:
+        """Return the clipped patches that say most: of each photograph the dimmest white and the brightest black one.
+
+        As photograph, patch (n,), in which sets there is one (n,), and 1 for white, -1 for black.
+        """
+        o, counts = self.observations, self.observations.counts
+        told = o.clipped & (o.weights > 0)
+        # A photograph of unknown exposure that is all clipped says nothing, nor does a patch of unknown irradiance.
+        if o.exposures is None:
+            told = told & counts.any(axis=2, keepdims=True)
+        light = o.reference
+        if light is None:
+            told = told & counts.any(axis=1, keepdims=True)
+            light = np.where(counts, o.brightness, 0).sum(axis=1) / np.maximum(counts.sum(axis=1), 1)
+        found = []
+        for e in range(o.brightness.shape[1]):
+            for sign, side in ((1.0, o.brightness[:, e] > 0.5), (-1.0, o.brightness[:, e] <= 0.5)):
+                use = told[:, e] & side
+                if use.any():
+                    found.append((e, np.where(use, sign * light, np.inf).argmin(axis=1), use.any(axis=1), sign))
+        return found
+
+
+class _Solved(NamedTuple):
+    """The posterior in the eigenbasis of one ratio."""
+
+    values: Array  # shape (m, s); l
+    root: Array  # shape (m, s, s); B U
+    y: Array  # shape (m, s, c)
+    square: Array  # shape (m, c); R
+
+
+def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
+    values, vectors = np.linalg.eigh(factor.T @ found.a @ factor)
+    root = factor @ vectors
+    v = np.swapaxes(family.components, 1, 2)
+    left = found.h[..., None] - found.a @ v
+    square = found.square[:, None] - (v * (found.h[..., None] + left)).sum(axis=1)
+    return _Solved(np.maximum(values, 0.0), root, np.swapaxes(root, 1, 2) @ left, np.maximum(square, 0.0))
+
+
+def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) -> Array:
+    """Return the log likelihood of every term, (n, levels, scales, components)."""
+    logs, squared = [], solved.y**2
+    for level in _LEVELS:
+        k2 = ((SCALES / level) ** 2)[:, None]
+        spread = 1.0 + k2 * solved.values[:, None]
+        gained = (k2 / spread) @ squared
+        each = -0.5 / level**2 * (solved.square[:, None] - gained) - 0.5 * np.log(spread).sum(axis=2)[..., None]
+        logs.append(each - (readings.by_camera(readings.freedom) * np.log(level))[:, None, None])
+    constant = readings.by_camera(readings.constant) - 0.5 * found.log_det
+    return np.asarray(np.stack(logs, axis=1) + constant[:, None, None, None])
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """The posterior of log irradiance at the knots, for m cameras of n sets: terms, each a normal distribution."""
+
+    family: Family
+    unconstrained: Array  # shape (1 or m, c, k); parameters of the components
+    best: Array  # shape (m, k); those of the component that is most probable
+    which: tuple[Indices, ...]  # ratio with scale of channels, level, scale and component of each term, (m, t) each
+    z: Array  # shape (m, t, s); mean of the discrepancy in the coordinates of `root`
+    deviation: Array  # shape (m, t, s); its standard deviation
+    root: Array  # shape (m, ratios x q, s, s); B U
+    weight: Array  # shape (m, t); by clipped patches
+    log_evidence: Array  # shape (m,)
+
+    @property
+    def noise_level(self) -> Array:
+        """By which factor the data scale the stated noise, of readings or of the rest, whichever is more, (m,)."""
+        ratio = _RATIOS[self.which[0] // len(self.family.factors)]
+        scale = _LEVELS[self.which[1]] * np.maximum(ratio, 1.0)
+        return np.asarray(np.exp((self.weight * np.log(scale)).sum(axis=1)))
+
+    def middle(self) -> Array:
+        """Return the median of log irradiance at the knots, (n, 64), of the most probable curves of some terms."""
+        chosen = self._even(_TERMS // 4)
+        logs = self._at_knots(chosen.of_terms(self.family.components) + chosen._state(chosen.z))
+        return np.minimum(np.median(np.sort(logs, axis=2), axis=1), 0.0)
+
+    def draw(self, seed: int) -> PosteriorSamples:
+        """Draw rising curves, all equally likely.
+
+        Rising by rearrangement, which brings every curve, mean and band nearer to any rising truth (Chernozhukov,
+        Fernandez-Val and Galichon 2009, doi:10.1093/biomet/asp030).
+        """
+        chosen = self._even(_TERMS // 2)
+        normal = np.random.default_rng(seed).standard_normal(chosen.z.shape[1:])
+        centre = chosen.of_terms(self.family.components) + chosen._state(chosen.z)
+        off = chosen._state(chosen.deviation * normal)
+        # Each draw with its mirror image: the mean of the draws is then that of the terms.
+        logs = np.minimum(np.sort(self._at_knots(np.concatenate([centre + off, centre - off], axis=1)), axis=2), 0.0)
+        curves = from_knots(logs.astype(np.float32))
+        order = np.argsort(np.swapaxes(curves[:, :, BAND_SAMPLES], 1, 2), axis=2)
+        channels = len(self.family.maps)
+        z = np.repeat(np.concatenate([chosen.of_terms(self.unconstrained)] * 2, axis=1), channels, axis=0)
+        evidence = np.repeat(self.log_evidence, channels)
+        return PosteriorSamples(z, curves, order, np.full(z.shape[:2], 1.0 / z.shape[1]), evidence)
+
+    def of_terms(self, components: Array) -> Array:
+        """Return what belongs to the component of each term, (1 or m, c, k) to (m, t, k)."""
+        sets = np.arange(len(self.z))[:, None] if len(components) > 1 else 0
+        return np.asarray(components[sets, self.which[3]])
+
+    def _state(self, z: Array) -> Array:
+        """Return the state of discrepancies (m, t, s) in the coordinates of `root`."""
+        out = np.zeros_like(z)
+        for j in np.unique(self.which[0]):
+            out += ((self.which[0] == j)[..., None] * z) @ np.swapaxes(self.root[:, j], 1, 2)
+        return out
+
+    def _at_knots(self, state: Array) -> Array:
+        """Return log irradiance at the knots of the channels of states (m, t, s), (n, t, 64)."""
+        logs = state[:, None] @ np.swapaxes(self.family.basis @ self.family.maps, 1, 2) + self.family.mean
+        return logs.reshape(-1, *logs.shape[2:])
+
+    def _even(self, count: int) -> "Mixture":
+        """Return so many terms in proportion to their weight, all alike then; only for drawing."""
+        at, rows = (np.arange(count) + 0.5) / count, np.arange(len(self.z))[:, None]
+        pick = np.stack([np.searchsorted(row, at * row[-1]) for row in np.cumsum(self.weight, axis=1)])
+        which = tuple(index[rows, pick] for index in self.which)
+        return replace(self, which=which, z=self.z[rows, pick], deviation=self.deviation[rows, pick])
+
+
+def marginalised(
+    model: ResponseModel,
+    observations: Observations,
+    noise: Noise,
+    table: Table,
+    seed: int,
+    with_samples: bool,
+    difference: Discrepancy | None,
+) -> tuple[Array, Array, Array, PosteriorSamples | None]:
+    """Return what a model with prior and discrepancy makes of `n` sets of observations.
+
+    The unconstrained parameters of the most probable component (n, k), the curves (n, 1024), by which factor the data
+    scale the noise of readings (n,), and samples, if asked for. With a `difference`, sets are the channels of cameras.
+    """
+    if model.discrepancy_ is None:
+        raise InputError(f"{model!r} has no discrepancy; use learn_discrepancy(model, curves) or discrepancy=False")
+    # Between the rows of one parameter the discrepancy reaches, so that a quarter of them will do.
+    step = slice(None, None, _STEP if model.n_params == 1 else None)
+    logs, log_weight = table.at_knots[step], table.log_prior[step]
+    family = Family.of(logs, log_weight - logsumexp(log_weight), model.discrepancy_)
+    near = model.n_params > 1 and learned_prior(model).centres is None
+    rows = len(logs) + (N_NEARBY if near else 0)
+    channels, found = 1 if difference is None else 3, []
+    for cameras in chunks(len(observations) // channels, len(_RATIOS) * len(_LEVELS) * len(SCALES) * rows):
+        some = observations.of_sets(slice(cameras.start * channels, cameras.stop * channels))
+        z, own = table.unconstrained[None, step], family
+        if near:
+            z, own = _with_near_rows(model, some.of_sets(slice(None, None, channels)), noise, table, family, seed)
+        mixture = solve(some, noise, own if difference is None else own.with_channels(difference), z)
+        samples = mixture.draw(seed) if with_samples else None
+        curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
+        found.append((*(np.repeat(a, channels, axis=0) for a in (mixture.best, mixture.noise_level)), curves, samples))
+    best, scale, curves, parts = zip(*found, strict=True)
+    joined = PosteriorSamples.concatenated(parts) if with_samples else None
+    return np.concatenate(best), np.concatenate(curves), np.concatenate(scale), joined
+
+
+def _with_near_rows(
+    model: ResponseModel, observations: Observations, noise: Noise, table: Table, family: Family, seed: int
+) -> tuple[Array, Family]:
+    """Add rows near the most probable parameters, which the table's few rows miss where data say much."""
+    posterior = Posterior(observations, noise)
+    best = minimise(posterior.objective(model), table, -(posterior.log_likelihood_on(table) + table.log_prior))
+    z, near, log_weight = rows_near(model, table, best, seed)
+    logs = np.broadcast_to(table.at_knots, (len(best), *table.at_knots.shape))
+    return z, family.with_components(np.concatenate([logs, at_knots(np.clip(near, 0.0, 1.0))], axis=1), log_weight)
+
+
+def solve(observations: Observations, noise: Noise, family: Family, unconstrained: Array) -> Mixture:
+    """Return the posterior of every set of observations; components have those parameters (1 or m, c, k)."""
+    readings = Readings(observations, noise, family)
+    found = [readings.eliminate(ratio) for ratio in _RATIOS]
+    pairs = [(each, factor) for each in found for factor in family.factors]
+    solved = [_diagonalised(each, factor, family) for each, factor in pairs]
+    logs = np.stack([_log_probability(f, s, readings) for (f, _), s in zip(pairs, solved, strict=True)], axis=1)
+    logs += (_level_weights()[:, None] + np.log(family.channel_weight)[:, None]).reshape(-1, len(_LEVELS))[
+        ..., None, None
+    ]
+    logs += np.log(family.scale_weight)[:, None] + family.log_weight[:, None, None, None]
+    mixture = _terms(logs, solved, family, unconstrained)
+    for patch in readings.told():
+        for channel in range(len(family.maps)):
+            mixture = _with_clipped(mixture, readings, found, patch, channel)
+    total = mixture.weight.sum(axis=1)
+    evidence = mixture.log_evidence + np.log(total)
+    return replace(mixture, weight=mixture.weight / total[:, None], log_evidence=evidence)
+
+
+def _terms(logs: Array, solved: list[_Solved], family: Family, unconstrained: Array) -> Mixture:
+    """Take terms in proportion to their probability (systematic resampling), with their moments."""
+    flat, rows = logs.reshape(len(logs), -1), np.arange(len(logs))[:, None]
+    most = flat.max(axis=1)
+    share = np.exp(flat - most[:, None])
+    total = np.cumsum(share, axis=1)
+    likeliest = share.reshape(len(logs), -1, logs.shape[-1]).sum(axis=1).argmax(axis=1)
+    best = unconstrained[np.arange(len(logs)) if len(unconstrained) > 1 else 0, likeliest]
+    at = (np.arange(_TERMS) + 0.5) / _TERMS
+    chosen = np.stack([np.searchsorted(row, at * row[-1]) for row in total])
+    j, t, a, c = np.unravel_index(chosen, logs.shape[1:])
+    k = (SCALES[a] / _LEVELS[t])[..., None]
+    values, y, root = (np.stack([getattr(s, name) for s in solved], axis=1) for name in ("values", "y", "root"))
+    spread = 1.0 + k**2 * values[rows, j]
+    z, deviation = k**2 * y[rows, j, :, c] / spread, SCALES[a][..., None] / np.sqrt(spread)
+    even = np.full(chosen.shape, 1.0 / _TERMS)
+    return Mixture(family, unconstrained, best, (j, t, a, c), z, deviation, root, even, most + np.log(total[:, -1]))
+
+
+def _with_clipped(
+    mixture: Mixture,
+    readings: Readings,
+    found: list[_Eliminated],
+    patch: tuple[int, Indices, NDArray[np.bool_], float],
+    channel: int,
+) -> Mixture:
+    """Weigh every term by the probability that a clipped patch is clipped, and move its mean to where it is."""
+    e, p, told, sign = patch
+    sets = np.arange(channel, len(p), len(readings.maps))
+    p, told, (j, t) = p[sets], told[sets], mixture.which[:2]
+    own = readings.columns[sets, e, p]
+    line = np.stack([own - f.exposures[sets, e] - f.references[sets, p] for f in found], axis=1)
+    noise = np.stack([readings.variance[sets, e, p] + f.share[sets, p] for f in found], axis=1)
+    scales, rows = len(mixture.family.factors), np.arange(len(sets))[:, None]
+    state = np.repeat(line[..., :-1] @ readings.maps[channel], scales, axis=1)
+    line, noise = np.repeat(line[..., -1], scales, axis=1), np.repeat(noise, scales, axis=1)
+    here = (state[:, :, None] @ mixture.root)[:, :, 0][rows, j]
+    spanned = mixture.deviation**2 * here
+    total = np.sqrt(_LEVELS[t] ** 2 * noise[rows, j] + (spanned * here).sum(axis=2))
+    centre = np.einsum("mts,mts->mt", state[rows, j], mixture.of_terms(mixture.family.components))
+    margin = sign * (line[rows, j] - centre - (here * mixture.z).sum(axis=2)) / total
+    log_p = log_ndtr(margin)
+    # phi / Phi, the slope of log Phi, in logarithms because both vanish far out.
+    mills = np.exp(np.clip(-0.5 * margin**2 - 0.5 * np.log(2 * np.pi) - log_p, -50, 50))
+    z = mixture.z - (told[:, None] * sign * mills / total)[..., None] * spanned
+    weight = np.where(told[:, None], mixture.weight * np.exp(log_p), mixture.weight)
+    return replace(mixture, z=z, weight=np.maximum(weight, 1e-300))
