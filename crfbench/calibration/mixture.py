@@ -123,6 +123,14 @@ class _Eliminated(NamedTuple):
     exposures: Array  # shape (n, e, r + 1)
     references: Array  # shape (n, p, r + 1)
     share: Array  # shape (n, p); variance that is left of each reference's error
+    own: Array  # shape (n, e, e); precision of the exposures
+
+    def left(self, precision: Array, sets: Indices, e: int, p: Indices) -> Array:
+        """Return the variance that is left of exposure and reference together, of one patch of some sets."""
+        share = self.share[sets, p]
+        along = -share[:, None] * precision[sets, :, p]
+        along[:, e] += 1.0
+        return np.asarray(share + (along * np.linalg.solve(self.own[sets], along[..., None])[..., 0]).sum(axis=1))
 
 
 class Readings:
@@ -224,7 +232,7 @@ class Readings:
         coupled = (np.swapaxes(maps, 1, 2) @ a @ maps).sum(axis=1)
         h_coupled = np.einsum("mcr,crs->ms", gram[:, :-1, -1].reshape(a.shape[:3]), maps)
         square = self.by_camera(np.maximum(gram[:, -1, -1], 0.0))
-        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share)
+        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share, own)
 
     def by_camera(self, values: Array) -> Array:
         """Sum over the channels of each camera, (n,) to (m,)."""
@@ -455,7 +463,8 @@ def _with_clipped(
     p, told, (j, t) = p[sets], told[sets], mixture.which[:2]
     own = readings.columns[sets, e, p]
     line = np.stack([own - f.exposures[sets, e] - f.references[sets, p] for f in found], axis=1)
-    noise = np.stack([readings.variance[sets, e, p] + f.share[sets, p] for f in found], axis=1)
+    spread = [f.left(readings.precision, sets, e, p) for f in found]
+    noise = readings.variance[sets, e, p][:, None] + np.stack(spread, axis=1)
     scales, rows = len(mixture.family.factors), np.arange(len(sets))[:, None]
     state = np.repeat(line[..., :-1] @ readings.maps[channel], scales, axis=1)
     line, noise = np.repeat(line[..., -1], scales, axis=1), np.repeat(noise, scales, axis=1)
