@@ -281,15 +281,16 @@ def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
 
 def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) -> Array:
     """Return the log likelihood of every term, (n, levels, scales, components)."""
-    logs, squared = [], solved.y**2
-    for level in _LEVELS:
-        k2 = ((SCALES / level) ** 2)[:, None]
-        spread = 1.0 + k2 * solved.values[:, None]
-        gained = (k2 / spread) @ squared
-        each = -0.5 / level**2 * (solved.square[:, None] - gained) - 0.5 * np.log(spread).sum(axis=2)[..., None]
-        logs.append(each - (readings.by_camera(readings.freedom) * np.log(level))[:, None, None])
+    # Many scales and levels have the same quotient: what depends on it alone is computed once.
+    k2, which = np.unique((SCALES / _LEVELS[:, None]) ** 2, return_inverse=True)
+    which = which.reshape(len(_LEVELS), len(SCALES))
+    spread = 1.0 + k2[:, None] * solved.values[:, None]
+    left = solved.square[:, None] - (k2[:, None] / spread) @ solved.y**2
+    logs = left[:, which] * (-0.5 / _LEVELS[:, None, None] ** 2)
     constant = readings.by_camera(readings.constant) - 0.5 * found.log_det
-    return np.asarray(np.stack(logs, axis=1) + constant[:, None, None, None])
+    each = constant[:, None] - readings.by_camera(readings.freedom)[:, None] * np.log(_LEVELS)
+    logs += (each[..., None] - 0.5 * np.log(spread).sum(axis=2)[:, which])[..., None]
+    return np.asarray(logs)
 
 
 @dataclass(frozen=True)
@@ -471,7 +472,7 @@ def _with_clipped(
     here = (state[:, :, None] @ mixture.root)[:, :, 0][rows, j]
     spanned = mixture.deviation**2 * here
     total = np.sqrt(_LEVELS[t] ** 2 * noise[rows, j] + (spanned * here).sum(axis=2))
-    centre = np.einsum("mts,mts->mt", state[rows, j], mixture.of_terms(mixture.family.components))
+    centre = (state @ np.swapaxes(mixture.family.components, 1, 2))[rows, j, mixture.which[3]]
     margin = sign * (line[rows, j] - centre - (here * mixture.z).sum(axis=2)) / total
     log_p = log_ndtr(margin)
     # phi / Phi, the slope of log Phi, in logarithms because both vanish far out.
