@@ -17,11 +17,14 @@ def as_numbers(name: str, values: object) -> NDArray[np.float64]:
 
     Text, complex numbers, masked values and rows of unequal length are refused; generators are read.
     """
-    if np.ma.is_masked(values):
-        raise InputError(f"{name} holds {np.ma.count_masked(values)} masked values; fill them, or leave them out")
+    values = list(values) if isinstance(values, Iterator) else values
+    # NumPy drops the masks of arrays in a list without a word.
+    parts = values if isinstance(values, list | tuple) else [values]
+    masked = sum(int(np.ma.count_masked(part)) for part in parts if isinstance(part, np.ma.MaskedArray))
+    if masked:
+        raise InputError(f"{name} holds {masked} masked values; fill them, or leave them out")
     if getattr(values, "requires_grad", False):
         raise InputError(f"{name} is a tensor that requires gradients; use {name}.detach()")
-    values = list(values) if isinstance(values, Iterator) else values
     wrong = "rows of unequal length"
     try:
         array = np.asarray(values)

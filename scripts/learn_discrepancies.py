@@ -11,10 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from crfbench.calibration import decode_table
-from crfbench.calibration.learning import fit_discrepancy
+from crfbench.calibration.learning import Rows, fit_discrepancy, rows_for
 from crfbench.calibration.mixture import CONTRASTS
-from crfbench.calibration.table import rows_near
 from crfbench.curves import Array
 from crfbench.datasets import load_dorf, load_opencrf
 from crfbench.datasets.responses import grouped_folds, near_copies
@@ -26,7 +24,6 @@ from crfbench.training import CONFIGS, train
 # Channels meet at white.
 WHITE = np.minimum(1.0, -LOG_KNOTS / 0.05)
 TARGET = Path(__file__).parents[1] / "data" / "discrepancies.npz"
-Rows = list[tuple[Array, Array]]
 
 
 def main(folder: Path) -> None:
@@ -74,7 +71,7 @@ def model_discrepancy(key: ModelKey, folder: Path) -> Discrepancy:
     rows: Rows = [(np.empty(0), np.empty(0))] * len(curves)
     for fold in range(int(folds.max()) + 1):
         model, inside = fold_model(key, curves[folds != fold], fold, folder), np.flatnonzero(folds == fold)
-        for i, found in zip(inside, model_rows(model, curves[inside]), strict=True):
+        for i, found in zip(inside, rows_for(model, curves[inside]), strict=True):
             rows[i] = found
     return fit_discrepancy(at_knots(curves), rows, 1.0 / np.sqrt(np.bincount(labels)[labels]))
 
@@ -90,16 +87,6 @@ def fold_model(key: ModelKey, curves: Array, fold: int, folder: Path) -> Respons
     if not path.exists():
         train(curves, "inverse", CONFIGS[str(key)])[0].save(path)
     return SLR.load(path)
-
-
-def model_rows(model: ResponseModel, curves: Array) -> Rows:
-    """Return the model's rows for each curve, for several parameters with more of them near the curve's fit."""
-    table = decode_table(model)
-    logs = table.at_knots
-    if model.n_params == 1:
-        return [(logs, table.log_prior)] * len(curves)
-    _, near, weights = rows_near(model, table, model.to_unconstrained(model.fit(curves)), seed=0)
-    return [(np.concatenate([logs, at_knots(np.clip(own, 0.0, 1.0))]), w) for own, w in zip(near, weights, strict=True)]
 
 
 if __name__ == "__main__":

@@ -191,3 +191,11 @@ def test_tensors_with_gradients_are_refused_and_generators_read():
     with pytest.raises(InputError, match=r"reference is a tensor that requires gradients; use reference\.detach\(\)"):
         Observations([[0.2, 0.5, 0.7]], torch.ones(3, requires_grad=True))
     assert Observations([[0.2, 0.5, 0.7]], (2.0**i for i in range(3))).reference.tolist() == [[1.0, 2.0, 4.0]]
+
+
+@pytest.mark.parametrize("kind", [list, iter])
+def test_masks_within_a_list_are_not_lost(kind):
+    rows = [np.ma.array([0.2, 0.5, 0.7], mask=[False, False, True]), np.ma.array([0.3, 0.6, 0.9])]
+    with pytest.raises(InputError, match="brightness holds 1 masked values; fill them"):
+        Observations(kind(rows), [1.0, 2.0, 4.0])
+    assert Observations(kind(rows[1:]), [1.0, 2.0, 4.0]).brightness.tolist() == [[[0.3, 0.6, 0.9]]]

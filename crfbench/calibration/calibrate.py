@@ -290,11 +290,13 @@ def _flat(model: ResponseModel, samples: PosteriorSamples | None, n: int) -> np.
 
 
 def _at_edge(model: ResponseModel, z: Array) -> np.ndarray:
-    """Say where a parameter lies more than 4 standard deviations from the mean of the prior."""
+    """Say where a parameter lies more than 4 standard deviations from the mean of the prior, and beyond its centres."""
     if model.prior_ is None:  # "paper" asks for none
         return np.zeros(len(z), dtype=bool)
-    sd = np.sqrt(np.diagonal(model.prior_.covariance))
-    return np.asarray((np.abs(z - model.prior_.mean) > 4.0 * sd).any(axis=1))
+    prior, most = model.prior_, 4.0 * np.sqrt(np.diagonal(model.prior_.covariance))
+    if prior.centres is not None:
+        most = np.maximum(most, np.abs(prior.centres - prior.mean).max(axis=0) * (1.0 + 1e-9))
+    return np.asarray((np.abs(z - prior.mean) > most).any(axis=1))
 
 
 def _falling(observations: Observations) -> np.ndarray:

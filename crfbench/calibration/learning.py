@@ -13,10 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
-from crfbench.calibration.table import decode_table
+from crfbench.calibration.table import check_kind, decode_table, learned_prior, rows_near
 from crfbench.curves import Array, as_valid_curves
+from crfbench.errors import InputError
 from crfbench.models import ResponseModel, load_model
 from crfbench.models.discrepancy import KNOTS, SCALES, Discrepancy, at_knots
+
+Rows = list[tuple[Array, Array]]
 
 _NEAREST = 64  # components that are looked at for each curve
 _NEAR, _START = 0.3, 0.2  # standard deviations that rank components and begin the kernel
@@ -32,7 +35,7 @@ def learn_discrepancy(model: M, curves: ArrayLike) -> M:
     Parameters
     ----------
     model : ResponseModel
-        With a prior.
+        Of direction "inverse", with a prior.
     curves : array_like, shape (n, 1024)
         Inverse responses. Curves of the training give bands that are too narrow.
 
@@ -41,12 +44,24 @@ def learn_discrepancy(model: M, curves: ArrayLike) -> M:
     ResponseModel
         The same.
     """
-    x = at_knots(as_valid_curves(curves))
-    table = decode_table(model)
-    own = fit_discrepancy(x, [(table.at_knots, table.log_prior)] * len(x), np.ones(len(x)))
+    check_kind("model", model, ResponseModel, "load_model(name)")
+    if model.direction != "inverse":
+        raise InputError(f"{model!r} maps irradiance to brightness; use a model of direction 'inverse'")
+    batch = as_valid_curves(curves)
+    own = fit_discrepancy(at_knots(batch), rows_for(model, batch), np.ones(len(batch)))
     shared = load_model("Kernel-8").discrepancy_
     model.discrepancy_ = own if shared is None else own.blended(shared)
     return model
+
+
+def rows_for(model: ResponseModel, curves: Array) -> Rows:
+    """Return the model's rows for each curve, for several parameters with more of them near the curve's fit."""
+    table = decode_table(model)
+    logs = table.at_knots
+    if model.n_params == 1 or learned_prior(model).centres is not None:
+        return [(logs, table.log_prior)] * len(curves)
+    _, near, weights = rows_near(model, table, model.to_unconstrained(model.fit(curves)), seed=0)
+    return [(np.concatenate([logs, at_knots(np.clip(own, 0.0, 1.0))]), w) for own, w in zip(near, weights, strict=True)]
 
 
 def fit_discrepancy(x: Array, rows: Iterable[tuple[Array, Array]], weight: Array) -> Discrepancy:

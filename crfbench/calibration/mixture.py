@@ -123,6 +123,14 @@ class _Eliminated(NamedTuple):
     exposures: Array  # shape (n, e, r + 1)
     references: Array  # shape (n, p, r + 1)
     share: Array  # shape (n, p); variance that is left of each reference's error
+    own: Array  # shape (n, e, e); precision of the exposures
+
+    def left(self, precision: Array, sets: Indices, e: int, p: Indices) -> Array:
+        """Return the variance that is left of exposure and reference together, of one patch of some sets."""
+        share = self.share[sets, p]
+        along = -share[:, None] * precision[sets, :, p]
+        along[:, e] += 1.0
+        return np.asarray(share + (along * np.linalg.solve(self.own[sets], along[..., None])[..., 0]).sum(axis=1))
 
 
 class Readings:
@@ -224,7 +232,7 @@ class Readings:
         coupled = (np.swapaxes(maps, 1, 2) @ a @ maps).sum(axis=1)
         h_coupled = np.einsum("mcr,crs->ms", gram[:, :-1, -1].reshape(a.shape[:3]), maps)
         square = self.by_camera(np.maximum(gram[:, -1, -1], 0.0))
-        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share)
+        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share, own)
 
     def by_camera(self, values: Array) -> Array:
         """Sum over the channels of each camera, (n,) to (m,)."""
@@ -273,15 +281,16 @@ def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
 
 def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) -> Array:
     """Return the log likelihood of every term, (n, levels, scales, components)."""
-    logs, squared = [], solved.y**2
-    for level in _LEVELS:
-        k2 = ((SCALES / level) ** 2)[:, None]
-        spread = 1.0 + k2 * solved.values[:, None]
-        gained = (k2 / spread) @ squared
-        each = -0.5 / level**2 * (solved.square[:, None] - gained) - 0.5 * np.log(spread).sum(axis=2)[..., None]
-        logs.append(each - (readings.by_camera(readings.freedom) * np.log(level))[:, None, None])
+    # Many scales and levels have the same quotient: what depends on it alone is computed once.
+    k2, which = np.unique((SCALES / _LEVELS[:, None]) ** 2, return_inverse=True)
+    which = which.reshape(len(_LEVELS), len(SCALES))
+    spread = 1.0 + k2[:, None] * solved.values[:, None]
+    left = solved.square[:, None] - (k2[:, None] / spread) @ solved.y**2
+    logs = left[:, which] * (-0.5 / _LEVELS[:, None, None] ** 2)
     constant = readings.by_camera(readings.constant) - 0.5 * found.log_det
-    return np.asarray(np.stack(logs, axis=1) + constant[:, None, None, None])
+    each = constant[:, None] - readings.by_camera(readings.freedom)[:, None] * np.log(_LEVELS)
+    logs += (each[..., None] - 0.5 * np.log(spread).sum(axis=2)[:, which])[..., None]
+    return np.asarray(logs)
 
 
 @dataclass(frozen=True)
@@ -455,14 +464,15 @@ def _with_clipped(
     p, told, (j, t) = p[sets], told[sets], mixture.which[:2]
     own = readings.columns[sets, e, p]
     line = np.stack([own - f.exposures[sets, e] - f.references[sets, p] for f in found], axis=1)
-    noise = np.stack([readings.variance[sets, e, p] + f.share[sets, p] for f in found], axis=1)
+    spread = [f.left(readings.precision, sets, e, p) for f in found]
+    noise = readings.variance[sets, e, p][:, None] + np.stack(spread, axis=1)
     scales, rows = len(mixture.family.factors), np.arange(len(sets))[:, None]
     state = np.repeat(line[..., :-1] @ readings.maps[channel], scales, axis=1)
     line, noise = np.repeat(line[..., -1], scales, axis=1), np.repeat(noise, scales, axis=1)
     here = (state[:, :, None] @ mixture.root)[:, :, 0][rows, j]
     spanned = mixture.deviation**2 * here
     total = np.sqrt(_LEVELS[t] ** 2 * noise[rows, j] + (spanned * here).sum(axis=2))
-    centre = np.einsum("mts,mts->mt", state[rows, j], mixture.of_terms(mixture.family.components))
+    centre = (state @ np.swapaxes(mixture.family.components, 1, 2))[rows, j, mixture.which[3]]
     margin = sign * (line[rows, j] - centre - (here * mixture.z).sum(axis=2)) / total
     log_p = log_ndtr(margin)
     # phi / Phi, the slope of log Phi, in logarithms because both vanish far out.

@@ -50,6 +50,8 @@ class Prior:
     @classmethod
     def from_centres(cls, centres: Array, weights: Array) -> Self:
         """Return a mixture about centres (c, k)."""
+        if len(centres) < 2:
+            raise InputError("1 centre gives no prior; use two or more curves")
         return cls(weights @ centres, np.cov(centres, rowvar=False, aweights=weights), centres, weights)
 
     def sample(self, n: int, seed: int) -> Array:

@@ -45,6 +45,8 @@ class Kernel(ClosedForm):
                 f"n_params={n_params} and components of shape {basis.shape}; use ({n_params}, {len(KNOTS)})"
             )
         self.mean_ = as_finite("mean", mean)
+        if self.mean_.shape != KNOTS.shape:
+            raise InputError(f"mean of shape {self.mean_.shape} has the wrong shape; use ({len(KNOTS)},)")
         self.components_ = basis[:n_params]
 
     @classmethod
@@ -53,10 +55,6 @@ class Kernel(ClosedForm):
         check_direction(direction)
         logs = at_knots(as_scaled_curves(curves))
         if check_count("n_params", n_params) >= len(logs):
-            raise InputError(
-                f"{len(logs)} curves have fewer than {n_params} components; use more than n_params of them"
-            )
-        if len(logs) <= n_params:
             raise InputError(
                 f"{len(logs)} curves have fewer than {n_params} components; use more than n_params of them"
             )
@@ -84,6 +82,8 @@ class Kernel(ClosedForm):
         """Set `prior_` to a mixture with a centre for each curve (n, 1024), by weights (n,); by default all alike."""
         logs = at_knots(as_scaled_curves(curves))
         share = np.ones(len(logs)) if weights is None else as_finite("weights", weights)
+        if share.shape != (len(logs),) or share.min() <= 0:
+            raise InputError(f"weights of shape {share.shape} do not fit; use {len(logs)} values above 0")
         self.prior_ = Prior.from_centres((logs - self.mean_) @ self.components_.T, share / share.sum())
         return self
 

@@ -54,7 +54,7 @@ class ModelKey:
     Parameters
     ----------
     family : str
-        "Gamma", "Polynomial", "GGCM", "EMoR", "PPISP" or "SLR".
+        "Gamma", "Polynomial", "GGCM", "EMoR", "PPISP", "Kernel" or "SLR".
     constraint : str
         Of SLR: "baseline", "ldl", "auc", "aae", "vae", "monotone" (LDL with a monotone decoder) or "open" (the same
         trained on OpenCRF). Of EMoR: "published" for the basis of its authors. Empty for the others.
