@@ -13,8 +13,7 @@ lab: $(READY)
 test test-all test-quick coverage tables bench site: export OPENBLAS_NUM_THREADS = 1
 test test-all test-quick coverage: export OMP_NUM_THREADS = 1
 # Notebooks and tests together, which keeps every core busy to the end; files in the order of their names.
-TESTS := notebooks tests -n auto --dist loadfile --no-loadscope-reorder \
-    --nbval --nbval-current-env --nbval-cell-timeout=120 --nbval-sanitize-with=tests/nbval_sanitize.cfg
+TESTS := --nbval -n auto --no-loadscope-reorder
 test: checks
 	$(BIN)/python -m pytest $(TESTS) -m "not slow"
 
@@ -44,7 +43,7 @@ endif
 
 # Statements and branches of the library that the tests reach, those of its subprocesses too.
 coverage: $(READY)
-	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --cov --cov-report=term
+	$(BIN)/python -m pytest -n auto --no-loadscope-reorder --cov --cov-report=term
 
 tables: $(READY)
 	$(BIN)/crfbench tables --out results
