@@ -37,6 +37,7 @@ FORMER_NAMES = {
 _FORMER_NETWORK = re.compile(r"((?:baseline|ldl|auc|aae|vae|monotone|open)-[13])(?:-inverse|(-forward))")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON rows instead of text.")]
+Alone = Annotated[bool, typer.Option("--alone", help="Models as they are, without a discrepancy for what they miss.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -102,35 +103,39 @@ def calibration(
     patches: Annotated[str, typer.Option(help="3 (greys), 24 or random (triples)")] = "3",
     method: Annotated[str, typer.Option(help="map, posterior, lm or paper (minutes)")] = "map",
     channel: Annotated[str, typer.Option(help="intensity, r, g or b")] = "intensity",
+    alone: Alone = False,
     as_json: AsJson = False,
 ) -> None:
     """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
     from crfbench.paper.calibration import calibration_table
 
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
-    _print_tables({title: calibration_table(patches, method, channel)}, as_json)
+    _print_tables({title: calibration_table(patches, method, channel, discrepancy=not alone)}, as_json)
 
 
 @table_app.command()
 def stability(
     camera: Annotated[str, typer.Option(help="Which camera to show by itself.")] = "CanonPowerShotG9",
+    alone: Alone = False,
     as_json: AsJson = False,
 ) -> None:
     """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart."""
     from crfbench.paper.stability import DEFINITION, stability_table
 
-    _print_tables({DEFINITION: stability_table(camera)}, as_json)
+    _print_tables({DEFINITION: stability_table(camera, discrepancy=not alone)}, as_json)
 
 
 @table_app.command("chart-free")
 def chart_free(
-    method: Annotated[str, typer.Option(help="map or posterior")] = "posterior", as_json: AsJson = False
+    method: Annotated[str, typer.Option(help="map or posterior")] = "posterior",
+    alone: Alone = False,
+    as_json: AsJson = False,
 ) -> None:
     """Calibration from exposure steps alone, beside OpenCV's Debevec and Robertson."""
     from crfbench.paper.calibration import chart_free_table
 
     title = "RMSE against RAW of the other illumination, up to scale; four exposures of 24 unknown patches"
-    _print_tables({title: chart_free_table(method)}, as_json)
+    _print_tables({title: chart_free_table(method, discrepancy=not alone)}, as_json)
 
 
 @app.command()

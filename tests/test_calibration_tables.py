@@ -44,7 +44,7 @@ def test_a_row_is_what_a_plain_loop_gives(greys, chart):
             observed = Observations.from_rgb(
                 chart.jpeg[camera, seen], REFERENCE_IRRADIANCE, clipped=chart.clipped[camera, seen]
             )
-            curve = calibrate(model, observed.take([18, 20, 23]), "map", discrepancy=False).curves[0]
+            curve = calibrate(model, observed.take([18, 20, 23]), "map").curves[0]
             decoded = np.interp(chart.jpeg[camera, held_out].mean(axis=-1), GRID, curve)
             errors.append(np.sqrt(np.mean((decoded - chart.raw[camera, held_out].mean(axis=-1)) ** 2)))
         means.append(np.mean(errors))
@@ -55,9 +55,10 @@ def test_a_row_is_what_a_plain_loop_gives(greys, chart):
 
 
 def test_one_latent_by_map_stays_below_what_was_asked_of_it(greys):
-    full = calibration.calibration_table("24", "map", rows=(LDL,))
+    tables = [calibration.calibration_table(patches, "map", rows=(LDL,), discrepancy=False) for patches in ("3", "24")]
     assert greys["mean"].iloc[0] <= 0.047
-    assert full["mean"].iloc[0] <= 0.045
+    assert [table["mean"].iloc[0] for table in tables] <= [0.047, 0.045]
+    assert all((table[["separate", "scaled"]].iloc[0] < table["mean"].iloc[0]).all() for table in tables)
 
 
 def test_bands_hold_their_share_of_held_out_raw():
@@ -137,14 +138,26 @@ def test_stability_is_the_variance_of_four_nested_calibrations(chart):
     )
     model = load_model("SLR-ldl-1")
     for size, curve in zip(stability.SIZES, curves, strict=True):
-        alone = calibrate(model, observed.take(np.array(PATCH_ORDER[:size]) - 1), "map", discrepancy=False).curves[0]
+        alone = calibrate(model, observed.take(np.array(PATCH_ORDER[:size]) - 1), "map").curves[0]
         np.testing.assert_allclose(curve, alone, atol=1e-4)
-    table = stability.stability_table(random_subsets=3, rows=(LDL, "Polynomial-3"))
+    table = stability.stability_table(triples=30, rows=(LDL, "Polynomial-3"))
     row = table.query("model == @LDL and method == 'map'").iloc[0]
     np.testing.assert_allclose(row["total_variance"], ((curves - curves.mean(axis=0)) ** 2).mean(axis=0).sum())
     assert row["total_variance"] <= 0.66
-    assert set(table["subsets"]) == {"stated", "3 random"}
+    assert set(table["subsets"]) == {"stated", "30 triples"}
     assert set(table["camera"]) == {"CanonPowerShotG9", "all"}
+    drawn = table[table["subsets"] == "30 triples"]
+    assert drawn["expected_rmse"].between(0.03, 0.1).all()
+    assert (drawn["expected_rmse_scaled"] < drawn["expected_rmse"]).all()
+    assert table["expected_rmse"].isna().sum() == len(table) - len(drawn)
+
+
+def test_triples_are_drawn_where_something_can_be_seen(chart):
+    turns, seen = stability._triples(chart, 56, seed=1)
+    drawn = seen.weights.reshape(56, -1, 24)[:, 0] > 0
+    assert (drawn.sum(axis=1) == 3).all()
+    clipped = chart.clipped.reshape(28, 4, 24).all(axis=1)[turns]
+    assert not (drawn & clipped).any()
 
 
 def test_the_order_of_the_patches_names_each_once():

@@ -175,7 +175,7 @@ def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     few = (ModelKey("SLR", "ldl", 1), ModelKey("EMoR", "", 3))
     monkeypatch.setattr(figures, "calibration_table", partial(figures.calibration_table, rows=few))
     monkeypatch.setattr(stability, "ROWS", stability.ROWS[:1])
-    monkeypatch.setattr(figures, "stability_table", partial(figures.stability_table, random_subsets=1))
+    monkeypatch.setattr(figures, "stability_table", partial(figures.stability_table, triples=1))
     done = run_command("tables", "--out", tmp_path / "new folder")
     assert done.returncode == 0, done.stderr
     written = {path.name for path in (tmp_path / "new folder").iterdir()}

@@ -34,9 +34,10 @@ def test_the_record_is_what_the_function_gives(measured):
 
 
 def test_calibration_is_that_of_the_calibration_table(measured):
-    for patches, column in (("3", "calibration_3"), ("24", "calibration_24")):
-        table = calibration_table(patches, "map", rows=ROWS)
-        np.testing.assert_allclose(measured[column], table["mean"][: len(ROWS)])
+    for patches in ("3", "24"):
+        for column, allow in (("calibration", True), ("alone", False)):
+            table = calibration_table(patches, "map", rows=ROWS, discrepancy=allow)
+            np.testing.assert_allclose(measured[f"{column}_{patches}"], table["mean"][: len(ROWS)])
     bands = calibration_table("24", "posterior", rows=ROWS)
     np.testing.assert_allclose(measured["coverage"], bands["coverage"][: len(ROWS)])
 

@@ -76,7 +76,7 @@ def _calibration(results: PaperResults) -> str:
 def _ldl(results: PaperResults) -> str:
     seeds = results.trainings.groupby("constraint")
     settled, kl = seeds["settled"].median(), seeds["kl"].mean()
-    three = leaderboard().set_index("model")["calibration_3"]["SLR-ldl-1"]
+    three = leaderboard().set_index("model")["alone_3"]["SLR-ldl-1"]
     return (
         "Mean and s.d. of the latents end at those of N(0, 1) (KL divergence "
         f"{scientific(kl['ldl'], 0)}; without a constraint {kl['baseline']:.1f}), after {settled['ldl']:.0f} "

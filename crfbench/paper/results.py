@@ -44,8 +44,8 @@ LEADERBOARD = {
     "steepest_slope": (
         "steepest slope",
         "{:.1f}",
-        "steepest of all 28 inverse responses calibrated from 24 patches, in irradiance per brightness: "
-        "one 8-bit level there changes irradiance by this over 255",
+        "steepest of all 28 inverse responses calibrated from 24 patches by the model alone, in irradiance per "
+        "brightness: one 8-bit level there changes irradiance by this over 255",
     ),
     "calibration_3": (
         "calibration, 3 patches",
@@ -53,6 +53,12 @@ LEADERBOARD = {
         "mean RMSE over 14 cameras on the illumination not calibrated on, method map, three grey patches",
     ),
     "calibration_24": ("calibration, 24 patches", "{:.3f}", "the same with all 24 patches"),
+    "alone_3": (
+        "alone, 3 patches",
+        "{:.3f}",
+        "three grey patches, without what the calibrator adds for the model's misses",
+    ),
+    "alone_24": ("alone, 24 patches", "{:.3f}", "the same with all 24 patches"),
     "coverage": ("band coverage", "{:.0%}", "share of held-out RAW inside the 90 % band, method posterior, 24 patches"),
     "fit_ms": ("ms a fit", "{:.2g}", "milliseconds a fit of one DoRF curve took when this was recorded"),
 }
