@@ -3,49 +3,45 @@
 import io
 import json
 import re
-from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
+from crfbench.camera.luts import (
+    END_TOLERANCE,
+    Csp,
+    Cube,
+    Format,
+    Spi1d,
+    decode_text,
+    numbers,
+    on_grid,
+    rows_of,
+    scaled,
+)
 from crfbench.camera.passport import Passport
 from crfbench.checks import check_choice
-from crfbench.curves import GRID, N_SAMPLES, Array, Direction, evaluate, resample
+from crfbench.curves import GRID, Array, Direction, evaluate, resample
 from crfbench.datasets import load_emor_basis
 from crfbench.datasets.dorf import parse_dorf_text
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import write_new
 from crfbench.models.emor import EMoR
 
-
-class Format(ABC):
-    """How a program stores a response."""
-
-    suffix: ClassVar[str]  # the end of its files' names
-    channels: ClassVar[tuple[int, ...]] = (1, 3)  # how many curves it can hold
-
-    @staticmethod
-    @abstractmethod
-    def write(passport: Passport) -> bytes:
-        """Return the content of a file."""
-
-    @staticmethod
-    @abstractmethod
-    def read(data: bytes) -> Passport:
-        """Read the content of a file; `InputError` or `FormatError` for bytes of another kind."""
-
-
 _KIND = "crfbench response passport"
 _VERSION = 1
 _NAMES = tuple(field.name for field in fields(Passport))
+_LATER = {"white_level": None, "note": ""}  # which the first passports did not hold
 
 
 class Json(Format):
     """The passport itself as JSON, version 1: carries everything, exactly."""
 
     suffix = ".json"
+    sign = re.compile(rb"\A\s*\{\s*\"format\"")
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -64,7 +60,7 @@ class Json(Format):
         if content.get("schema") != _VERSION:
             raise FormatError(f"its schema is {str(content.get('schema'))[:20]!r}; this crfbench reads {_VERSION}")
         values = {name: value for name, value in content.items() if name not in ("format", "schema")}
-        if odd := {"white_level": None, **values}.keys() ^ set(_NAMES):  # which the first passports did not hold
+        if odd := {**_LATER, **values}.keys() ^ set(_NAMES):
             raise FormatError(f"these entries are missing or unknown: {', '.join(sorted(odd))[:100]}")
         return Passport(**values)
 
@@ -93,7 +89,6 @@ _AXES: dict[Direction, tuple[str, str]] = {
     "forward": ("irradiance", "brightness"),
 }
 _CSV_ENDINGS = {1: ("",), 3: ("_r", "_g", "_b")}
-_END_TOLERANCE = 1e-6
 
 
 class Csv(Format):
@@ -104,6 +99,7 @@ class Csv(Format):
     """
 
     suffix = ".csv"
+    sign = re.compile(rb'\A(?:\xef\xbb\xbf)?[\s"]*(?:brightness|irradiance)[\s"]*,', re.IGNORECASE)
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -127,7 +123,7 @@ class Csv(Format):
         if table.shape[1] != name.count(",") + 1:
             raise FormatError(f"its rows have {table.shape[1]} values below a head of {name.count(',') + 1}")
         x = table[:, 0]
-        if (np.diff(x) <= 0).any() or max(abs(x[0]), abs(x[-1] - 1.0)) > _END_TOLERANCE:
+        if (np.diff(x) <= 0).any() or max(abs(x[0]), abs(x[-1] - 1.0)) > END_TOLERANCE:
             raise FormatError(f"its first column runs from {x[0]:.4g} to {x[-1]:.4g}; let it rise strictly from 0 to 1")
         return Passport(heads[name], np.array([np.interp(GRID, x, y) for y in table.T[1:]]))
 
@@ -145,6 +141,10 @@ _HEAD = re.compile(
 )
 
 
+def _shaped(shape: bytes) -> re.Pattern[bytes]:
+    return re.compile(rb"\A\x93NUMPY[^\n]{2,99}'shape': \(" + shape + rb"\)")
+
+
 class Npy(Format):
     """A NumPy file of float64: the inverse response, shape (1024,) for one curve and (3, 1024) for red, green, blue.
 
@@ -152,6 +152,7 @@ class Npy(Format):
     """
 
     suffix = ".npy"
+    sign = _shaped(rb"(?:[13], )?1024,?")
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -185,15 +186,26 @@ def load_array(data: bytes) -> np.ndarray:
         raise FormatError(f"the .npy file is damaged ({str(error)[:80]})") from None
 
 
-_SHAPE = (256, 1, 3)
+_LEVELS = 256
+_SHAPES = [(_LEVELS, 1, 3), (_LEVELS, 1, 1), (_LEVELS, 3), (_LEVELS, 1), (_LEVELS,)]
+_MATRIX = re.compile(r'opencv-matrix\b.*?\bdata\b["\s:>]*\[?([^\]<]*)', re.DOTALL)
+_VALUE = rb"[-+.\deE]+"
+_SEPARATOR = rb"(?:[ \t]*,[ \t]*|[ \t]+)"
+
+
+def _lines_of(*counts: int) -> bytes:
+    """Make the pattern of lines of so many numbers each."""
+    lines = (rb"[ \t]*%s(?:%s%s){%d}[ \t]*\r?\n" % (_VALUE, _SEPARATOR, _VALUE, count - 1) for count in counts)
+    return b"".join(lines)
 
 
 class OpenCV(Format):
     """The response of OpenCV's HDR merging: a NumPy file of float32, shape (256, 1, 3), blue, green, red.
 
     ``cv2.createMergeDebevec().process(images, times, numpy.load(path))`` takes it as it is, and what
-    ``cv2.createCalibrateDebevec()`` gives can be saved as it is (https://docs.opencv.org, module photo). An entry is
-    the irradiance of an 8-bit brightness up to a scale common to all, not its logarithm: the merging takes that itself.
+    ``cv2.createCalibrateDebevec()`` gives can be saved as it is (https://docs.opencv.org, module photo), by
+    ``numpy.save``, by ``numpy.savetxt`` as 256 rows of three numbers, or by ``cv2.FileStorage``. An entry is the
+    irradiance of an 8-bit brightness up to a scale common to all, not its logarithm: the merging takes that itself.
     Irradiance 0 has none, so what is 0 takes the first value above it, as in OpenCV's own default response.
 
     Keeps the channels, a single curve three times. The direction is always inverse, and curves are straight between the
@@ -201,24 +213,219 @@ class OpenCV(Format):
     """
 
     suffix = ".opencv.npy"
+    # Rows of text that begin below 0 hold logarithms, which are Debevec's.
+    sign = re.compile(
+        _shaped(rb"256, 1, [13]").pattern + rb"|!!opencv-matrix|opencv_storage|\A(?!\s*-)" + _lines_of(3, 3)
+    )
 
     @staticmethod
     def write(passport: Passport) -> bytes:
         """Write the inverse response at the 256 brightnesses."""
-        samples = evaluate(passport.in_direction("inverse"), np.linspace(0.0, 1.0, _SHAPE[0])).astype(np.float32)
-        least = np.where(samples > 0, samples, np.float32(np.inf)).min(axis=1, keepdims=True)
-        blue_first = np.broadcast_to(np.maximum(samples, least)[::-1], (3, _SHAPE[0]))
-        return save_array(np.ascontiguousarray(blue_first.T[:, None, :]))
+        return save_array(np.ascontiguousarray(_samples(passport, 3)[:, None, ::-1].astype(np.float32)))
 
     @staticmethod
     def read(data: bytes) -> Passport:
         """Read a response of any scale, and let it begin at 0; anything else is a `FormatError`."""
-        response = load_array(data).astype(np.float64)
-        if response.shape != _SHAPE or not (response > 0).all():
-            raise FormatError(f"it has shape {response.shape}; use {_SHAPE} and values above 0")
-        samples = response[:, 0, ::-1] / response[-1, 0, ::-1]
-        samples[0] = 0.0
-        return Passport("inverse", merged(on_grid(samples)))
+        return _of_levels(_load_levels(data)[:, ::-1])
+
+
+class OpenCVText(Format):
+    """The response of OpenCV's HDR merging as ``cv2.FileStorage`` writes it, for programs in C++; else as `OpenCV`.
+
+    What is read is the first matrix in YAML, XML or JSON.
+    """
+
+    suffix = ".yml"
+    sign = OpenCV.sign
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write the inverse response at the 256 brightnesses."""
+        values = ",\n       ".join(f"{b:.8e}, {g:.8e}, {r:.8e}" for r, g, b in _samples(passport, 3).tolist())
+        head = f'%YAML:1.0\n---\nresponse: !!opencv-matrix\n   rows: {_LEVELS}\n   cols: 1\n   dt: "3f"'
+        return f"{head}\n   data: [ {values} ]\n".encode()
+
+    read = OpenCV.read
+
+
+class Debevec(Format):
+    """Debevec and Malik's g, the logarithm of exposure at 256 brightnesses: a NumPy file or rows of text, red first.
+
+    Debevec and Malik 1997, "Recovering high dynamic range radiance maps from photographs", doi:10.1145/258734.258884.
+    g has values far below 0; an array of the same shape without them, as colour-hdri saves its responses
+    (https://github.com/colour-science/colour-hdri), holds exposures themselves.
+
+    Keeps the channels. The direction is always inverse, and curves are straight between the 256 samples; loses the
+    rest, such as the band.
+    """
+
+    suffix = ".debevec.npy"
+    sign = re.compile(_shaped(rb"256,(?: [13])?").pattern + rb"|\A(?=\s*-)" + _lines_of(3, 3))
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write natural logarithms, 0 at the greatest brightness."""
+        return save_array(np.log(_samples(passport, len(passport.curves))))
+
+    @staticmethod
+    def read(data: bytes) -> Passport:
+        """Read g, or exposures, of any scale, and let the curve begin at 0."""
+        g = _load_levels(data)
+        return _of_levels(np.exp(g - g[-1]) if g.min() < -0.05 * g.max() else g)
+
+
+def _samples(passport: Passport, c: int) -> Array:
+    """Return the inverse response at the 256 brightnesses, above 0, a column a channel, (256, c)."""
+    samples = evaluate(passport.in_direction("inverse"), np.linspace(0.0, 1.0, _LEVELS)).T
+    least = np.where(samples > 0, samples, np.inf).min(axis=0)
+    return np.broadcast_to(np.maximum(samples, least), (_LEVELS, c))
+
+
+def _load_levels(data: bytes) -> Array:
+    """Read the values of 256 brightnesses, one or three columns (256, c), from an array, a matrix of OpenCV or text."""
+    if data.startswith(b"\x93NUMPY"):
+        values = load_array(data).astype(np.float64)
+    elif matrix := _MATRIX.search(text := decode_text(data)):
+        values = numbers([matrix.group(1).replace(",", " ").split()], "the matrix")
+        values = values.reshape(_LEVELS, -1) if values.size in (_LEVELS, 3 * _LEVELS) else values
+    else:
+        values = numbers(rows_of(text.replace(",", " ")), "the table")
+    if values.shape not in _SHAPES:
+        raise FormatError(f"it has shape {values.shape}; use (256, 1, 3), or (256, 3) or (256,)")
+    return values.reshape(_LEVELS, -1)
+
+
+def _of_levels(samples: Array) -> Passport:
+    """Make the passport of irradiances of evenly spaced brightnesses, (m, c), and let it begin at 0."""
+    samples = samples.copy()
+    samples[0] = 0.0  # a solver's value for black is what it extrapolated
+    return scaled(on_grid(samples))
+
+
+_CHANNELS = ("IR", "IG", "IB")
+
+
+class Pfstools(Format):
+    """The response file of pfstools (pfscalibration) and Luminance HDR, ``.m``, readable by Octave.
+
+    What ``pfshdrcalibrate --save-response`` writes (https://pfstools.sourceforge.net): a matrix a channel (IR, IG, IB,
+    or IY for luminance) with the columns log10 of irradiance, brightness from 0 up, and irradiance of any scale; then
+    the weights of the brightnesses. It reads no file without those, so a hat is written.
+
+    Keeps the channels, a single curve three times, to seven digits. The direction is always inverse, and curves are
+    straight between the 256 samples; loses the rest, such as the band.
+    """
+
+    suffix = ".m"
+    sign = re.compile(rb"^# (?:Camera response curve|data layout: log10\(response\))", re.MULTILINE)
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write the inverse response at the 256 brightnesses."""
+        parts = []
+        for name, column in zip(_CHANNELS, _samples(passport, 3).T, strict=True):
+            parts += [
+                f"# Camera response curve, channel {name}",
+                "# data layout: log10(response) | camera output | response",
+            ]
+            parts += _octave(name, 3, [f"{np.log10(v):.7e} {i:4d} {v:.7e}" for i, v in enumerate(column.tolist())])
+        hat = 1.0 - np.abs(np.linspace(-1.0, 1.0, _LEVELS))
+        parts += ["# Weighting function", "# data layout: weight | camera output"]
+        parts += _octave("W", 2, [f"{w:.7e} {i:4d}" for i, w in enumerate(hat.tolist())])
+        return "\n".join(parts).encode()
+
+    @staticmethod
+    def read(data: bytes) -> Passport:
+        """Read the matrices of one or three channels, of any number of brightnesses, and let them begin at 0."""
+        _, *parts = re.split(r"^# name:\s*(\w+)", decode_text(data), flags=re.MULTILINE)
+        matrices = dict(zip(parts[::2], parts[1::2], strict=True))
+        names = [name for name in ("IY", *_CHANNELS) if name in matrices]
+        if len(names) not in (1, 3):
+            raise FormatError(f"it has the channels {', '.join(names) or 'none'}; use IR, IG and IB, or IY")
+        tables = [numbers(rows_of(matrices[name]), f"the matrix {name}") for name in names]
+        shape, levels = tables[0].shape, np.arange(len(tables[0]))
+        if shape[1] != 3 or not all(each.shape == shape and (each[:, 1] == levels).all() for each in tables):
+            raise FormatError(
+                f"its matrices begin with shape {shape}; use equal ones of 3 columns, brightness from 0 up"
+            )
+        return _of_levels(np.array([each[:, 2] for each in tables]).T)
+
+
+def _octave(name: str, columns: int, rows: list[str]) -> list[str]:
+    return [f"# name: {name}", "# type: matrix", f"# rows: {len(rows)}", f"# columns: {columns}", *rows, ""]
+
+
+_DEGREE = 5
+
+
+class Radiance(Format):
+    """The response file of hdrgen, for Radiance, ``.rsp``: a polynomial a channel, brightness to irradiance.
+
+    Ward's hdrgen (https://www.anyhere.com) by Mitsunaga and Nayar 1999, doi:10.1109/CVPR.1999.786966: a line a channel,
+    red first, of the degree and the coefficients, that of the highest power first; brightness from 0 to 1.
+
+    Keeps the channels, as near as degree 5 comes, a single curve three times. The direction is always inverse; loses
+    the rest, such as the band.
+    """
+
+    suffix = ".rsp"
+    sign = re.compile(rb"\A(?:[ \t]*[1-9]\d?(?:[ \t]+%s){2,}[ \t]*(?:\r?\n|\Z)){1,3}\s*\Z" % _VALUE)
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write the polynomials from (0, 0) to (1, 1) with the least MSE to the inverse response."""
+        curves = np.broadcast_to(passport.in_direction("inverse"), (3, len(GRID)))
+        powers = GRID[:, None] ** np.arange(_DEGREE, 1, -1)
+        # The linear term is what the others leave of 1, so the fit is one of the differences to x.
+        found = np.linalg.lstsq(powers - GRID[:, None], (curves - GRID).T, rcond=None)[0].T
+        rows = [[*found_row, 1.0 - sum(found_row), 0.0] for found_row in found.tolist()]
+        return "".join(f"{_DEGREE} {' '.join(f'{value:.15g}' for value in row)}\n" for row in rows).encode()
+
+    @staticmethod
+    def read(data: bytes) -> Passport:
+        """Read one or three polynomials, scaled to 1 at brightness 1, and let them begin at 0."""
+        lines = [numbers([row], "a line")[0] for row in rows_of(decode_text(data))]
+        if len(lines) not in (1, 3) or any(line[0] != len(line) - 2 for line in lines):
+            raise FormatError(
+                f"it has {len(lines)} lines; use one or three of a degree and as many coefficients and one"
+            )
+        return _of_levels(np.array([np.polyval(line[1:], GRID) for line in lines]).T)
+
+
+class ResponseFunctions(Format):
+    """The ``jpg2raw_respFcns.txt`` of in-camera models: a line of four numbers, then 256 rows of red, green and blue.
+
+    Kim et al. 2012, "A new in-camera imaging model for color computer vision and its application",
+    doi:10.1109/TPAMI.2012.58, as ReversiblePipeline keeps them (https://github.com/mbuckler/ReversiblePipeline). A
+    ``raw2jpg_respFcns.txt`` looks the same and holds responses: cameras brighten, so those lie above the diagonal.
+
+    Keeps the channels, a single curve three times, to nine decimals. Curves are straight between the 256 samples; what
+    is written is always inverse; loses the rest, such as the band.
+    """
+
+    suffix = "respfcns.txt"
+    sign = re.compile(rb"\A" + _lines_of(4, 3, 3))
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write the inverse response at the 256 brightnesses, if it lies below the diagonal."""
+        curves = passport.in_direction("inverse")
+        if curves.mean() > 0.5:
+            raise InputError(
+                f"this inverse response has the mean {curves.mean():.2f}, so respFcns.txt would mean a response"
+            )
+        table = np.broadcast_to(evaluate(curves, np.linspace(0.0, 1.0, _LEVELS)).T, (_LEVELS, 3))
+        rows = "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in table.tolist())
+        return f"{_LEVELS} 0 0 0\n{rows}".encode()
+
+    @staticmethod
+    def read(data: bytes) -> Passport:
+        """Read the rows below the first line, inverse responses or responses."""
+        first, *rows = rows_of(decode_text(data)) or [[]]
+        table = numbers(rows, "the table")
+        if len(first) != 4 or table.shape != (_LEVELS, 3):
+            raise FormatError(f"it has shape {table.shape} below a line of {len(first)}; use (256, 3) below one of 4")
+        return scaled(on_grid(table), "forward" if table.mean() > 0.5 * table[-1].mean() else "inverse")
 
 
 _DORF_ENDINGS = {1: ("",), 3: ("Red", "Green", "Blue")}
@@ -233,6 +440,7 @@ class DorfText(Format):
     """
 
     suffix = ".dorf.txt"
+    sign = re.compile(rb"^[ \t]*I[ \t]*=[ \t\r]*$", re.MULTILINE)
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -256,51 +464,6 @@ def _record(name: str, curve: list[float]) -> tuple[str, ...]:
     return name, _LABEL, "I =", " ".join(map(repr, GRID.tolist())), "B =", " ".join(map(repr, curve))
 
 
-_SIZE = re.compile(r"^LUT_1D_SIZE[ \t]+(\d{1,5})[ \t]*$", re.MULTILINE)
-_TITLE = re.compile(r'^TITLE[ \t]+"([^"]*)"[ \t]*$', re.MULTILINE)
-_WORD = re.compile(r"[A-Z#]")
-_DOMAIN = re.compile(r"^DOMAIN_(MIN|MAX)[ \t]+(.*)$", re.MULTILINE)
-
-
-class Cube(Format):
-    """A one-dimensional lookup table in Adobe's (IRIDAS) cube format: applied to an image, it makes it linear.
-
-    Cube LUT Specification 1.0, Adobe Systems 2013. Keeps the channels, red first, a single curve three times, to nine
-    decimals, and the camera as its title. The direction is always inverse; loses the rest, such as the band.
-    """
-
-    suffix = ".cube"
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response on its grid."""
-        title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
-        columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
-        head = [f'TITLE "{title}"', f"LUT_1D_SIZE {N_SAMPLES}", "DOMAIN_MIN 0.0 0.0 0.0", "DOMAIN_MAX 1.0 1.0 1.0"]
-        rows = [f"{r:.9f} {g:.9f} {b:.9f}" for r, g, b in columns.tolist()]
-        return ("\n".join(head + rows) + "\n").encode()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read a table of any size over the domain from 0 to 1; anything else is a `FormatError`."""
-        text = "\n".join(decode_text(data).splitlines())
-        size, title = _SIZE.findall(text), _TITLE.search(text)
-        if len(size) != 1:
-            raise FormatError("it has no single line LUT_1D_SIZE; use a one-dimensional table")
-        _check_domain(text)
-        rows = [line.split() for line in text.splitlines() if line.strip() and not _WORD.match(line.strip())]
-        table = numbers(rows, "the table")
-        if table.shape != (int(size[0]), 3):
-            raise FormatError(f"its table has shape {table.shape}; its head says ({size[0]}, 3)")
-        return Passport("inverse", merged(on_grid(table)), camera=title.group(1) if title else "")
-
-
-def _check_domain(text: str) -> None:
-    for end, words in _DOMAIN.findall(text):
-        if (numbers([words.split()], f"DOMAIN_{end}") != (end == "MAX")).any():
-            raise FormatError(f"its domain has the {end} {words[:40]!r}; use one from 0 to 1")
-
-
 _LETTERS = "abcde"
 _NUMBER = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
 
@@ -318,6 +481,7 @@ class Hugin(Format):
 
     suffix = ".pto"
     channels = (1,)
+    sign = re.compile(rb"^i (?:[^\n]* )?Ra", re.MULTILINE)
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -347,16 +511,15 @@ def _model() -> EMoR:
     return EMoR(mean, np.asarray(components), n_params=len(_LETTERS), direction="forward")
 
 
-_LEVELS = 256
 _LEAST_STEP = 1e-4  # six times what single precision, which DSO reads with, can tell at 255
 
 
 class PCalib(Format):
-    """The photometric calibration ``pcalib.txt`` of the TUM monoVO data set and of DSO: one line of 256 values.
+    """The photometric calibration ``pcalib.txt`` of the TUM monoVO data set and of DSO: one line of 256 or more values.
 
-    Value i is the irradiance of 8-bit brightness i, from 0 to 255. Engel, Usenko and Cremers 2016, "A photometrically
-    calibrated benchmark for monocular visual odometry", arXiv:1607.02555. DSO refuses values that do not rise strictly,
-    so each is at least 0.0001 above the one before.
+    Value i is the irradiance of brightness i, from 0 to 255 in 8 bits. Engel, Usenko and Cremers 2016, "A
+    photometrically calibrated benchmark for monocular visual odometry", arXiv:1607.02555. DSO takes 256 values or more
+    and refuses those that do not rise strictly, so each that is written is at least 0.0001 above the one before.
 
     Keeps one curve, to 4e-7 where it rises. The direction is always inverse, and curves are straight between the 256
     samples; loses the rest, such as the band.
@@ -364,6 +527,7 @@ class PCalib(Format):
 
     suffix = "pcalib.txt"
     channels = (1,)
+    sign = re.compile(rb"\A\s*(?:%s[ \t]+){%d}%s" % (_VALUE, _LEVELS - 1, _VALUE))
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -378,50 +542,17 @@ class PCalib(Format):
         """Read the first line, shifted and scaled to run from 0 to 1 as DSO does, or raise `FormatError`."""
         lines = decode_text(data).splitlines() or [""]
         values = numbers([lines[0].split()], "the first line")[0]
-        if len(values) != _LEVELS or not (np.diff(values) > 0).all():
-            raise FormatError(f"its first line has {len(values)} values; use {_LEVELS} that rise strictly")
+        if len(values) < _LEVELS or not (np.diff(values) > 0).all():
+            raise FormatError(f"its first line has {len(values)} values; use {_LEVELS} or more that rise strictly")
         return Passport("inverse", on_grid(((values - values[0]) / (values[-1] - values[0]))[:, None]))
-
-
-def decode_text(data: bytes) -> str:
-    """Decode UTF-8, with or without a byte order mark; other bytes are a `FormatError`."""
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FormatError(f"it is not UTF-8 text ({error.reason} at byte {error.start})") from None
-
-
-def numbers(rows: list[list[str]], where: str) -> Array:
-    """Turn rows of words, all of one length, into finite numbers, shape (rows, words), or raise `FormatError`."""
-    lengths = {len(row) for row in rows}
-    if len(lengths) != 1:
-        raise FormatError(f"{where} has rows of {sorted(lengths) or 'no'} values; use rows of one length")
-    try:
-        values = np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise FormatError(f"{where} holds something that is not a number: {str(error)[:80]}") from None
-    if not np.isfinite(values).all():
-        raise FormatError(f"{where} holds NaN or infinite values; use finite numbers")
-    return values
-
-
-def on_grid(samples: Array) -> Array:
-    """Bring two or more even samples of [0, 1], shape (m, c), onto the grid, (c, 1024); one is a `FormatError`."""
-    if len(samples) < 2:
-        raise FormatError(f"it has {len(samples)} samples; use two or more")
-    x = np.linspace(0.0, 1.0, len(samples))
-    return np.array([np.interp(GRID, x, column) for column in samples.T])
-
-
-def merged(curves: Array) -> Array:
-    """Return one curve for three equal ones, which is how formats of three columns hold one."""
-    return curves[:1] if (curves == curves[:1]).all() else curves
 
 
 def single(passport: Passport, name: str) -> Passport:
     """Return the passport if it has one curve."""
     if len(passport.curves) != 1:
-        raise InputError(f"{name} holds one curve and this passport has 3; use passport.channel('green'), for example")
+        raise InputError(
+            f"{name} holds one curve and this passport has 3; use passport.channel('green') or --channel green"
+        )
     return passport
 
 
@@ -435,10 +566,18 @@ FORMATS: dict[str, type[Format]] = {
     "cube": Cube,
     "hugin": Hugin,
     "pcalib": PCalib,
+    "debevec": Debevec,
+    "opencv-text": OpenCVText,
+    "pfstools": Pfstools,
+    "radiance": Radiance,
+    "respfcns": ResponseFunctions,
+    "spi1d": Spi1d,
+    "csp": Csp,
 }
 
 # A passport of 3 curves with its band takes 0.2 MB, a project file of Hugin little more.
 _MOST_BYTES = 32 * 2**20
+_HEAD_BYTES = 2**16
 
 
 def write_response(passport: Passport, path: str | Path, format: str | None = None, overwrite: bool = False) -> None:
@@ -455,7 +594,11 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
         A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
     overwrite : bool
     """
-    write_new(path, FORMATS[_format(path, format)].write(passport), overwrite)
+    name = _by_ending(path, FORMATS) if format is None else check_choice("format", format, FORMATS)
+    if name is None:
+        ends = ", ".join(each.suffix for each in FORMATS.values())
+        raise InputError(f"the name {path} tells no format; let it end in one of {ends}")
+    write_new(path, FORMATS[name].write(passport), overwrite)
 
 
 def read_response(path: str | Path, format: str | None = None) -> Passport:
@@ -467,20 +610,27 @@ def read_response(path: str | Path, format: str | None = None) -> Passport:
     ----------
     path : path
     format : str, optional
-        A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
+        A name in `crfbench.camera.FORMATS`; by default the content tells it, and the end of the file's name where the
+        content fits several or none.
 
     Returns
     -------
     Passport
-        What the format does not carry stays unknown.
+        What the format does not carry stays unknown; `note` says what had to be repaired.
     """
-    name = _format(path, format)
+    if format is not None:
+        check_choice("format", format, FORMATS)
     if not Path(path).is_file():
         raise MissingDataError(f"there is no file {path}; use one that holds a response")
     if Path(path).stat().st_size > _MOST_BYTES:
         raise FormatError(f"{path} has more than {_MOST_BYTES} bytes; a response has fewer")
+    data = Path(path).read_bytes()
+    fitting = [name for name, each in FORMATS.items() if each.sign.search(data[:_HEAD_BYTES])]
+    name = format or _by_ending(path, fitting) or next(iter(fitting), None) or _by_ending(path, FORMATS)
+    if name is None:
+        raise FormatError(f"{path} is no response in a format that is known; use one of {', '.join(FORMATS)}")
     try:
-        return decode(name, Path(path).read_bytes())
+        return decode(name, data)
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from None
 
@@ -494,12 +644,7 @@ def decode(name: str, data: bytes) -> Passport:
         raise FormatError(f"this is not a response in the format {name!r}: {error}") from None
 
 
-def _format(path: str | Path, name: str | None) -> str:
-    """Choose the format; of several whose suffix the file's name has, that of the longest."""
-    if name is not None:
-        return check_choice("format", name, FORMATS)
-    ends = {key: each.suffix for key, each in FORMATS.items()}
-    matching = [key for key, suffix in ends.items() if Path(path).name.lower().endswith(suffix)]
-    if not matching:
-        raise InputError(f"the name {path} tells no format; let it end in one of {', '.join(ends.values())}")
-    return max(matching, key=lambda key: len(ends[key]))
+def _by_ending(path: str | Path, names: Iterable[str]) -> str | None:
+    """Return that of some formats whose suffix, the longest such one, the file's name has."""
+    matching = [name for name in names if Path(path).name.lower().endswith(FORMATS[name].suffix)]
+    return max(matching, key=lambda name: len(FORMATS[name].suffix), default=None)

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _REPORT, _MERGED = "report.html", "merged.exr"
 _GREYS = slice(18, 24)
+# The others are a `crfbench convert` away; a folder of sixteen would hide what is wanted.
+_EXPORTS = ("passport", "csv", "npy", "opencv", "dorf", "cube", "hugin", "pcalib")
 
 
 def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
@@ -44,7 +46,7 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
     """
     folder = Path(folder)
     held = len(result.passport.curves)
-    paths = {name: folder / _file_name(name) for name, each in FORMATS.items() if held in each.channels}
+    paths = {name: folder / _file_name(name) for name in _EXPORTS if held in FORMATS[name].channels}
     for path in (*paths.values(), folder / _REPORT, *([folder / _MERGED] if result.merged else [])):
         check_new(path, overwrite)
     page = report_page(result)
@@ -67,16 +69,20 @@ def linearise_file(
     out: Path,
     overwrite: bool = False,
     *,
+    format: str | None = None,
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> Path:
     """Turn the brightness of an image file back into irradiance, write it as a linear image, and return its path.
 
-    `response` is a passport or any export of it; `out` ends in ``.exr`` or ``.tif`` (floats in units of full scale) or
-    ``.hdr``. `white_level` is by default that of the passport, else guessed; `say` as in `crfbench.camera.calibrate`.
+    `response` is a passport or a response of another program, of that `format`, else as its content tells; `out` ends
+    in ``.exr`` or ``.tif`` (floats in units of full scale) or ``.hdr``. `white_level` is by default that of the
+    passport, else guessed; `say` as in `crfbench.camera.calibrate`.
     """
-    passport = read_response(response)
+    passport = read_response(response, format)
     check_new(out, overwrite)
+    if passport.note:
+        say(f"{response}: {passport.note}")
     white_level = white_level or passport.white_level
     if white_level is None:
         white_level, notes = find_white_level([image])

@@ -17,7 +17,7 @@ from crfbench.errors import InputError
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_TEXTS = ("camera", "model", "data_sha256", "version", "created")
+_TEXTS = ("camera", "model", "data_sha256", "version", "created", "note")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,6 +51,8 @@ class Passport:
         Of the crfbench that made it; by default this one.
     white_level : int, optional
         That counted as brightness 1 in images of 16 bits, where it was not 65535.
+    note : str
+        What was done to the curves of another program as they were read, such as the repair of small falls.
 
     Examples
     --------
@@ -73,6 +75,7 @@ class Passport:
     created: str = ""
     version: str = field(default_factory=lambda: version("crfbench"))
     white_level: int | None = None
+    note: str = ""
 
     def __post_init__(self) -> None:
         check_direction(self.direction)
@@ -103,9 +106,12 @@ class Passport:
         return self.curves if check_direction(direction) == self.direction else invert(self.curves)
 
     def channel(self, name: str) -> "Passport":
-        """Return the passport of one of `channels`, as intensity."""
+        """Return the passport of one of `channels`, as intensity, or of their "mean" (of curves and band)."""
+        if name == "mean":
+            low, high = (None if part is None else part.mean(axis=0) for part in (self.low, self.high))
+            return replace(self, curves=self.curves.mean(axis=0), low=low, high=high, params=None)
         if name not in self.channels:
-            raise InputError(f"channel={name!r} is not in this passport; use one of {', '.join(self.channels)}")
+            raise InputError(f"channel={name!r} is not in this passport; use one of {', '.join(self.channels)}, mean")
         row = self.channels.index(name)
         low, high, params = (None if part is None else part[[row]] for part in (self.low, self.high, self.params))
         return replace(self, curves=self.curves[[row]], low=low, high=high, params=params)

@@ -1,0 +1,246 @@
+"""Lookup tables of colour programs, and what every format needs: its interface, numbers out of text, valid curves."""
+
+import re
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from crfbench.camera.passport import Passport
+from crfbench.curves import GRID, N_SAMPLES, Array, Direction, repair
+from crfbench.errors import FormatError
+
+#: Ends of axes and ranges are compared to this.
+END_TOLERANCE = 1e-6
+# Debevec's method leaves small falls where few pixels were seen, and log tables a small rest at black.
+_MOST_REPAIR = 0.01
+
+
+class Format(ABC):
+    """How a program stores a response."""
+
+    suffix: ClassVar[str]  # the end of its files' names, in small letters
+    sign: ClassVar[re.Pattern[bytes]]  # what the beginning of a file shows, whatever its name
+    channels: ClassVar[tuple[int, ...]] = (1, 3)  # how many curves it can hold
+
+    @staticmethod
+    @abstractmethod
+    def write(passport: Passport) -> bytes:
+        """Return the content of a file."""
+
+    @staticmethod
+    @abstractmethod
+    def read(data: bytes) -> Passport:
+        """Read the content of a file; `InputError` or `FormatError` for bytes of another kind."""
+
+
+def decode_text(data: bytes) -> str:
+    r"""Decode UTF-8, with or without a byte order mark, else Latin-1, which old programs write; lines end in \\n."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def rows_of(text: str) -> list[list[str]]:
+    """Return the words of every line that has some; what follows ``#`` is a comment."""
+    rows = [line.partition("#")[0].split() for line in text.split("\n")]
+    return [row for row in rows if row]
+
+
+def numbers(rows: list[list[str]], where: str) -> Array:
+    """Turn rows of words, all of one length, into finite numbers, shape (rows, words), or raise `FormatError`."""
+    lengths = {len(row) for row in rows}
+    if len(lengths) != 1:
+        raise FormatError(f"{where} has rows of {str(sorted(lengths) or 'no')[:40]} values; use rows of one length")
+    try:
+        values = np.array(rows, dtype=np.float64)
+    except ValueError as error:
+        raise FormatError(f"{where} holds something that is not a number: {str(error)[:80]}") from None
+    if not np.isfinite(values).all():
+        raise FormatError(f"{where} holds NaN or infinite values; use finite numbers")
+    return values
+
+
+def on_grid(samples: Array, low: ArrayLike = 0.0, high: ArrayLike = 1.0) -> Array:
+    """Bring two or more even samples from `low` to `high`, shape (m, c), onto the grid, (c, 1024).
+
+    The ends are one number, or one a channel; a table that does not cover 0 to 1 is a `FormatError`.
+    """
+    if len(samples) < 2:
+        raise FormatError(f"it has {len(samples)} samples; use two or more")
+    lows, highs = (np.broadcast_to(end, samples.shape[1]) for end in (low, high))
+    _check_covers(lows.max(), highs.min())
+    axes = (np.linspace(a, b, len(samples)) for a, b in zip(lows, highs, strict=True))
+    return np.array([np.interp(GRID, x, column) for x, column in zip(axes, samples.T, strict=True)])
+
+
+def _check_covers(low: float, high: float) -> None:
+    if not (low <= END_TOLERANCE and high >= 1.0 - END_TOLERANCE):
+        raise FormatError(f"its input runs from {low:.4g} to {high:.4g}; use a table that covers 0 to 1")
+
+
+def scaled(curves: Array, direction: Direction = "inverse", **known: Any) -> Passport:
+    """Make the passport of curves (c, 1024) of any scale, of which noise may have spoilt the shape.
+
+    Irradiance has no scale of its own, so each curve is divided by its last value. The nearest valid curve takes its
+    place; where a sample would move by more than 0.01 this is a `FormatError`, and the note tells the most that one
+    moved.
+    """
+    if not (curves[:, -1] > 0).all():
+        raise FormatError(f"its last values are {curves[:, -1].round(4).tolist()}; use values above 0")
+    curves = curves / curves[:, -1:]
+    valid = repair(curves)
+    moved = float(np.abs(valid - curves).max())
+    if moved > _MOST_REPAIR:
+        raise FormatError(
+            f"a curve falls or begins off 0, by {moved:.2g} of its end; use one that does by 0.01 or less"
+        )
+    note = f"made valid as it was read: no sample moved by more than {moved:.1e}" if moved > END_TOLERANCE else ""
+    return Passport(direction, merged(valid), note=note, **known)
+
+
+def merged(curves: Array) -> Array:
+    """Return one curve for three equal ones, which is how formats of three columns hold one."""
+    return curves[:1] if (curves == curves[:1]).all() else curves
+
+
+def _write_rows(passport: Passport, c: int) -> str:
+    """Write the inverse response on its grid, a row a sample of `c` numbers with nine decimals."""
+    columns = np.broadcast_to(passport.in_direction("inverse"), (c, N_SAMPLES)).T
+    return "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in columns.tolist())
+
+
+_TITLE = re.compile(r'^[ \t]*TITLE[ \t]+"([^"\n]*)".*$', re.MULTILINE | re.IGNORECASE)
+_KEYWORD = re.compile(r"[A-Z]+_\w+")
+_ENDS = {"DOMAIN_MIN": 3, "DOMAIN_MAX": 3, "LUT_1D_INPUT_RANGE": 2}
+
+
+class Cube(Format):
+    """A one-dimensional lookup table in the cube format of Adobe (IRIDAS) and Resolve: it makes an image linear.
+
+    Cube LUT Specification 1.0, Adobe Systems 2013; ``LUT_1D_INPUT_RANGE``, one range for all channels, is Resolve's
+    (LUT format of DaVinci Resolve, Blackmagic Design). Of an input range wider than 0 to 1 that part counts.
+
+    Keeps the channels, red first, a single curve three times, to nine decimals, and the camera as its title. The
+    direction is always inverse; loses the rest, such as the band.
+    """
+
+    suffix = ".cube"
+    sign = re.compile(rb"^[ \t]*LUT_[13]D_SIZE\b", re.MULTILINE | re.IGNORECASE)
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write the inverse response on its grid."""
+        title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
+        ends = "DOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0"
+        return f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\n{ends}\n{_write_rows(passport, 3)}'.encode()
+
+    @staticmethod
+    def read(data: bytes) -> Passport:
+        """Read a table of any size over a domain that covers 0 to 1; one for video levels is a `FormatError`."""
+        text = decode_text(data)
+        title = _TITLE.search(text)
+        rows = [[row[0].upper(), *row[1:]] for row in rows_of(_TITLE.sub("", text))]  # a title may hold "#"
+        heads = [row for row in rows if _KEYWORD.match(row[0])]
+        sizes = [row[1:] for row in heads if row[0].endswith("D_SIZE")]
+        if len(sizes) != 1 or ["LUT_1D_SIZE", *sizes[0]] not in heads:
+            raise FormatError("it has no single line LUT_1D_SIZE; use a one-dimensional table")
+        low, high = _cube_domain(heads)
+        table = numbers([row for row in rows if row not in heads], "the table")
+        if sizes[0] != [str(len(table))] or table.shape[1] != 3:
+            raise FormatError(f"its table has shape {table.shape}; its head says ({' '.join(sizes[0])[:20]}, 3)")
+        return scaled(on_grid(table, low, high), camera=title.group(1) if title else "")
+
+
+def _cube_domain(heads: list[list[str]]) -> tuple[Array, Array]:
+    if video := [name for name, *_ in heads if "VIDEO_RANGE" in name]:
+        raise FormatError(f"it says {video[0][:40]}; write the table for full-range values, from 0 to 1, instead")
+    ends = {name: numbers([words], name)[0] for name, *words in heads if name in _ENDS}
+    if wrong := [name for name, values in ends.items() if len(values) != _ENDS[name]]:
+        raise FormatError(f"{wrong[0]} has {len(ends[wrong[0]])} values; use {_ENDS[wrong[0]]}")
+    if "LUT_1D_INPUT_RANGE" in ends and len(ends) > 1:
+        raise FormatError("it has DOMAIN and LUT_1D_INPUT_RANGE; use one of them")
+    low, high = ends.get("LUT_1D_INPUT_RANGE", np.array([0.0, 1.0]))
+    return ends.get("DOMAIN_MIN", np.full(3, low)), ends.get("DOMAIN_MAX", np.full(3, high))
+
+
+class Spi1d(Format):
+    """A one-dimensional lookup table of Sony Imageworks, ``.spi1d``, as OpenColorIO reads it.
+
+    OpenColorIO, file format ``spi1d`` (https://opencolorio.readthedocs.io): version, range of the input (``From``),
+    length, number of components, and between braces a row a sample. Keeps the channels, red first, to nine decimals.
+    The direction is always inverse; loses the rest, such as the band.
+    """
+
+    suffix = ".spi1d"
+    sign = re.compile(rb"\A\s*Version\s+\d+\s+(?:From|Length|Components)\b", re.IGNORECASE)
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write the inverse response on its grid."""
+        c = len(passport.curves)
+        head = f"Version 1\nFrom 0.0 1.0\nLength {N_SAMPLES}\nComponents {c}\n"
+        return f"{head}{{\n{_write_rows(passport, c)}}}\n".encode()
+
+    @staticmethod
+    def read(data: bytes) -> Passport:
+        """Read a table of one or three components whose range covers 0 to 1."""
+        head, _, body = decode_text(data).partition("{")
+        told = {name.lower(): words for name, *words in rows_of(head)}
+        ends = numbers([told.get("from", [])], "the line From")[0]
+        table = numbers(rows_of(body.partition("}")[0]), "the table")
+        said = [told.get(name) for name in ("version", "length", "components")]
+        if said != [["1"], *([str(size)] for size in table.shape)] or table.shape[1] not in (1, 3) or len(ends) != 2:
+            raise FormatError(f"its table has shape {table.shape} and its head says {str(said)[:60]}; let them agree")
+        return scaled(on_grid(table, *ends))
+
+
+_METADATA = re.compile(r"^BEGIN METADATA.*?^END METADATA", re.MULTILINE | re.DOTALL)
+
+
+class Csp(Format):
+    """A one-dimensional lookup table of cineSpace, ``.csp``, with a pre-LUT a channel that shapes its input.
+
+    Rising Sun Research's description, in appendix G of the manual of Open RV (https://aswf-openrv.readthedocs.io). A
+    pre-LUT is taken as straight between its points. Keeps the channels, red first, a single curve three times, to nine
+    decimals. The direction is always inverse; loses the rest, such as the band.
+    """
+
+    suffix = ".csp"
+    sign = re.compile(rb"\A(?:\xef\xbb\xbf)?\s*CSPLUTV100\b")
+
+    @staticmethod
+    def write(passport: Passport) -> bytes:
+        """Write the inverse response on its grid, behind pre-LUTs that change nothing."""
+        before = "2\n0.0 1.0\n0.0 1.0\n" * 3
+        return f"CSPLUTV100\n1D\n\n{before}\n{N_SAMPLES}\n{_write_rows(passport, 3)}".encode()
+
+    @staticmethod
+    def read(data: bytes) -> Passport:
+        """Read a table of any size whose pre-LUTs cover 0 to 1."""
+        rows = rows_of(_METADATA.sub("", decode_text(data)))
+        if rows[:2] != [["CSPLUTV100"], ["1D"]]:
+            raise FormatError("it does not begin with CSPLUTV100 and 1D; use a one-dimensional table")
+        rows, units = rows[2:], []
+        for _ in range(3):
+            before, rows = _pre_lut(rows)
+            units.append(np.interp(GRID, *before))
+        table = numbers(rows[1:], "the table")
+        if rows[0] != [str(len(table))] or table.shape[1] != 3 or len(table) < 2:
+            raise FormatError(f"its table has shape {table.shape} below the size {' '.join(rows[0])[:20]}")
+        x = np.linspace(0.0, 1.0, len(table))
+        return scaled(np.array([np.interp(unit, x, column) for unit, column in zip(units, table.T, strict=True)]))
+
+
+def _pre_lut(rows: list[list[str]]) -> tuple[Array, list[list[str]]]:
+    """Return the first pre-LUT, inputs and outputs (2, n), and the rows below it."""
+    if rows[:1] in ([["0"]], [["1"]]):  # too few points for a shape: it changes nothing
+        return np.array([[0.0, 1.0], [0.0, 1.0]]), rows[1:]
+    before = numbers(rows[1:3], "a pre-LUT")
+    if rows[0] != [str(before.shape[1])] or len(before) != 2 or (np.diff(before) <= 0).any():
+        raise FormatError(f"a pre-LUT has {before.shape[1]} points; use two rows that rise, of as many as it says")
+    _check_covers(before[0, 0], before[0, -1])
+    return before, rows[3:]
