@@ -10,18 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from crfbench.camera.luts import (
-    END_TOLERANCE,
-    Csp,
-    Cube,
-    Format,
-    Spi1d,
-    decode_text,
-    numbers,
-    on_grid,
-    rows_of,
-    scaled,
-)
+from crfbench.camera.luts import END_TOLERANCE, Csp, Cube, Format, Spi1d, decode_text, numbers, on_grid, rows_of, scaled
 from crfbench.camera.passport import Passport
 from crfbench.checks import check_choice
 from crfbench.curves import GRID, Array, Direction, evaluate, resample
@@ -94,8 +83,8 @@ _CSV_ENDINGS = {1: ("",), 3: ("_r", "_g", "_b")}
 class Csv(Format):
     """A table with a head: ``brightness,irradiance`` for an inverse response, ``irradiance,brightness`` for a response.
 
-    Three curves have ``_r``, ``_g`` and ``_b`` after the name of the second quantity. Keeps direction and channels, to
-    the last digit; loses the rest of the passport, such as the band.
+    Three curves have ``_r``, ``_g`` and ``_b`` after the name of the second quantity. Keeps the direction and every
+    digit.
     """
 
     suffix = ".csv"
@@ -146,10 +135,7 @@ def _shaped(shape: bytes) -> re.Pattern[bytes]:
 
 
 class Npy(Format):
-    """A NumPy file of float64: the inverse response, shape (1024,) for one curve and (3, 1024) for red, green, blue.
-
-    Keeps the channels, to the last digit. The direction is always inverse; loses the rest, such as the band.
-    """
+    """A NumPy file of float64: the inverse response, shape (1024,) for one curve or (3, 1024), to the last digit."""
 
     suffix = ".npy"
     sign = _shaped(rb"(?:[13], )?1024,?")
@@ -190,13 +176,11 @@ _LEVELS = 256
 _SHAPES = [(_LEVELS, 1, 3), (_LEVELS, 1, 1), (_LEVELS, 3), (_LEVELS, 1), (_LEVELS,)]
 _MATRIX = re.compile(r'opencv-matrix\b.*?\bdata\b["\s:>]*\[?([^\]<]*)', re.DOTALL)
 _VALUE = rb"[-+.\deE]+"
-_SEPARATOR = rb"(?:[ \t]*,[ \t]*|[ \t]+)"
 
 
 def _lines_of(*counts: int) -> bytes:
-    """Make the pattern of lines of so many numbers each."""
-    lines = (rb"[ \t]*%s(?:%s%s){%d}[ \t]*\r?\n" % (_VALUE, _SEPARATOR, _VALUE, count - 1) for count in counts)
-    return b"".join(lines)
+    """Return the pattern of lines of so many numbers each."""
+    return b"".join(rb"[ \t]*%s(?:[ \t,]+%s){%d}[ \t]*\r?\n" % (_VALUE, _VALUE, count - 1) for count in counts)
 
 
 class OpenCV(Format):
@@ -204,48 +188,39 @@ class OpenCV(Format):
 
     ``cv2.createMergeDebevec().process(images, times, numpy.load(path))`` takes it as it is, and what
     ``cv2.createCalibrateDebevec()`` gives can be saved as it is (https://docs.opencv.org, module photo), by
-    ``numpy.save``, by ``numpy.savetxt`` as 256 rows of three numbers, or by ``cv2.FileStorage``. An entry is the
-    irradiance of an 8-bit brightness up to a scale common to all, not its logarithm: the merging takes that itself.
-    Irradiance 0 has none, so what is 0 takes the first value above it, as in OpenCV's own default response.
-
-    Keeps the channels, a single curve three times. The direction is always inverse, and curves are straight between the
-    256 samples; loses the rest, such as the band.
+    ``numpy.save``, by ``numpy.savetxt`` as rows of three, or by ``cv2.FileStorage``. An entry is the irradiance of an
+    8-bit brightness up to a scale common to all, not its logarithm: the merging takes that itself. Irradiance 0 has
+    none, so what is 0 takes the first value above it, as in OpenCV's own default response.
     """
 
     suffix = ".opencv.npy"
     # Rows of text that begin below 0 hold logarithms, which are Debevec's.
     sign = re.compile(
-        _shaped(rb"256, 1, [13]").pattern + rb"|!!opencv-matrix|opencv_storage|\A(?!\s*-)" + _lines_of(3, 3)
+        _shaped(rb"256, 1, [13]").pattern + rb"|opencv[-_](?:matrix|storage)|\A(?!\s*-)" + _lines_of(3, 3)
     )
 
     @staticmethod
     def write(passport: Passport) -> bytes:
-        """Write the inverse response at the 256 brightnesses."""
+        """Write the inverse response at the 256 brightnesses, a single curve three times."""
         return save_array(np.ascontiguousarray(_samples(passport, 3)[:, None, ::-1].astype(np.float32)))
 
     @staticmethod
     def read(data: bytes) -> Passport:
         """Read a response of any scale, and let it begin at 0; anything else is a `FormatError`."""
-        return _of_levels(_load_levels(data)[:, ::-1])
+        return _from_black(_load_levels(data)[:, ::-1])
 
 
-class OpenCVText(Format):
-    """The response of OpenCV's HDR merging as ``cv2.FileStorage`` writes it, for programs in C++; else as `OpenCV`.
-
-    What is read is the first matrix in YAML, XML or JSON.
-    """
+class OpenCVText(OpenCV):
+    """The same as ``cv2.FileStorage`` writes it, for programs in C++; in XML and JSON it is read too."""
 
     suffix = ".yml"
-    sign = OpenCV.sign
 
     @staticmethod
     def write(passport: Passport) -> bytes:
-        """Write the inverse response at the 256 brightnesses."""
+        """Write the inverse response at the 256 brightnesses, a single curve three times."""
         values = ",\n       ".join(f"{b:.8e}, {g:.8e}, {r:.8e}" for r, g, b in _samples(passport, 3).tolist())
         head = f'%YAML:1.0\n---\nresponse: !!opencv-matrix\n   rows: {_LEVELS}\n   cols: 1\n   dt: "3f"'
         return f"{head}\n   data: [ {values} ]\n".encode()
-
-    read = OpenCV.read
 
 
 class Debevec(Format):
@@ -254,9 +229,6 @@ class Debevec(Format):
     Debevec and Malik 1997, "Recovering high dynamic range radiance maps from photographs", doi:10.1145/258734.258884.
     g has values far below 0; an array of the same shape without them, as colour-hdri saves its responses
     (https://github.com/colour-science/colour-hdri), holds exposures themselves.
-
-    Keeps the channels. The direction is always inverse, and curves are straight between the 256 samples; loses the
-    rest, such as the band.
     """
 
     suffix = ".debevec.npy"
@@ -271,7 +243,7 @@ class Debevec(Format):
     def read(data: bytes) -> Passport:
         """Read g, or exposures, of any scale, and let the curve begin at 0."""
         g = _load_levels(data)
-        return _of_levels(np.exp(g - g[-1]) if g.min() < -0.05 * g.max() else g)
+        return _from_black(np.exp(g - g[-1]) if g.min() < -0.05 * g.max() else g)
 
 
 def _samples(passport: Passport, c: int) -> Array:
@@ -282,27 +254,26 @@ def _samples(passport: Passport, c: int) -> Array:
 
 
 def _load_levels(data: bytes) -> Array:
-    """Read the values of 256 brightnesses, one or three columns (256, c), from an array, a matrix of OpenCV or text."""
+    """Read the values of 256 brightnesses, (256, 1) or (256, 3), from an array, a matrix of OpenCV or rows of text."""
     if data.startswith(b"\x93NUMPY"):
         values = load_array(data).astype(np.float64)
     elif matrix := _MATRIX.search(text := decode_text(data)):
-        values = numbers([matrix.group(1).replace(",", " ").split()], "the matrix")
-        values = values.reshape(_LEVELS, -1) if values.size in (_LEVELS, 3 * _LEVELS) else values
+        values = numbers([matrix.group(1).replace(",", " ").split()], "the matrix").reshape(-1)
+        values = values.reshape(_LEVELS, 3) if values.size == 3 * _LEVELS else values
     else:
         values = numbers(rows_of(text.replace(",", " ")), "the table")
     if values.shape not in _SHAPES:
-        raise FormatError(f"it has shape {values.shape}; use (256, 1, 3), or (256, 3) or (256,)")
+        raise FormatError(f"it has shape {values.shape}; use (256, 1, 3), (256, 3) or (256,)")
     return values.reshape(_LEVELS, -1)
 
 
-def _of_levels(samples: Array) -> Passport:
-    """Make the passport of irradiances of evenly spaced brightnesses, (m, c), and let it begin at 0."""
-    samples = samples.copy()
-    samples[0] = 0.0  # a solver's value for black is what it extrapolated
-    return scaled(on_grid(samples))
+def _from_black(samples: Array) -> Passport:
+    """Make the passport of irradiances of even brightnesses, (m, c); a solver's value for black gives way to 0."""
+    return scaled(on_grid(np.vstack([np.zeros_like(samples[:1]), samples[1:]])))
 
 
 _CHANNELS = ("IR", "IG", "IB")
+_OCTAVE = "# {}\n# name: {}\n# type: matrix\n# rows: {}\n# columns: {}\n{}\n"
 
 
 class Pfstools(Format):
@@ -311,9 +282,6 @@ class Pfstools(Format):
     What ``pfshdrcalibrate --save-response`` writes (https://pfstools.sourceforge.net): a matrix a channel (IR, IG, IB,
     or IY for luminance) with the columns log10 of irradiance, brightness from 0 up, and irradiance of any scale; then
     the weights of the brightnesses. It reads no file without those, so a hat is written.
-
-    Keeps the channels, a single curve three times, to seven digits. The direction is always inverse, and curves are
-    straight between the 256 samples; loses the rest, such as the band.
     """
 
     suffix = ".m"
@@ -321,18 +289,13 @@ class Pfstools(Format):
 
     @staticmethod
     def write(passport: Passport) -> bytes:
-        """Write the inverse response at the 256 brightnesses."""
+        """Write the inverse response at the 256 brightnesses to seven digits, a single curve three times."""
         parts = []
         for name, column in zip(_CHANNELS, _samples(passport, 3).T, strict=True):
-            parts += [
-                f"# Camera response curve, channel {name}",
-                "# data layout: log10(response) | camera output | response",
-            ]
-            parts += _octave(name, 3, [f"{np.log10(v):.7e} {i:4d} {v:.7e}" for i, v in enumerate(column.tolist())])
-        hat = 1.0 - np.abs(np.linspace(-1.0, 1.0, _LEVELS))
-        parts += ["# Weighting function", "# data layout: weight | camera output"]
-        parts += _octave("W", 2, [f"{w:.7e} {i:4d}" for i, w in enumerate(hat.tolist())])
-        return "\n".join(parts).encode()
+            rows = "".join(f" {np.log10(v):.7e} {i:4d} {v:.7e}\n" for i, v in enumerate(column.tolist()))
+            parts.append(_OCTAVE.format(f"Camera response curve, channel {name}", name, _LEVELS, 3, rows))
+        hat = "".join(f" {1.0 - abs(2.0 * i / (_LEVELS - 1) - 1.0):.7e} {i:4d}\n" for i in range(_LEVELS))
+        return "".join([*parts, _OCTAVE.format("Weighting function", "W", _LEVELS, 2, hat)]).encode()
 
     @staticmethod
     def read(data: bytes) -> Passport:
@@ -345,17 +308,8 @@ class Pfstools(Format):
         tables = [numbers(rows_of(matrices[name]), f"the matrix {name}") for name in names]
         shape, levels = tables[0].shape, np.arange(len(tables[0]))
         if shape[1] != 3 or not all(each.shape == shape and (each[:, 1] == levels).all() for each in tables):
-            raise FormatError(
-                f"its matrices begin with shape {shape}; use equal ones of 3 columns, brightness from 0 up"
-            )
-        return _of_levels(np.array([each[:, 2] for each in tables]).T)
-
-
-def _octave(name: str, columns: int, rows: list[str]) -> list[str]:
-    return [f"# name: {name}", "# type: matrix", f"# rows: {len(rows)}", f"# columns: {columns}", *rows, ""]
-
-
-_DEGREE = 5
+            raise FormatError(f"its matrices begin with shape {shape}; use 3 columns, the second from 0 up, in each")
+        return _from_black(np.array([each[:, 2] for each in tables]).T)
 
 
 class Radiance(Format):
@@ -363,33 +317,19 @@ class Radiance(Format):
 
     Ward's hdrgen (https://www.anyhere.com) by Mitsunaga and Nayar 1999, doi:10.1109/CVPR.1999.786966: a line a channel,
     red first, of the degree and the coefficients, that of the highest power first; brightness from 0 to 1.
-
-    Keeps the channels, as near as degree 5 comes, a single curve three times. The direction is always inverse; loses
-    the rest, such as the band.
     """
 
     suffix = ".rsp"
     sign = re.compile(rb"\A(?:[ \t]*[1-9]\d?(?:[ \t]+%s){2,}[ \t]*(?:\r?\n|\Z)){1,3}\s*\Z" % _VALUE)
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the polynomials from (0, 0) to (1, 1) with the least MSE to the inverse response."""
-        curves = np.broadcast_to(passport.in_direction("inverse"), (3, len(GRID)))
-        powers = GRID[:, None] ** np.arange(_DEGREE, 1, -1)
-        # The linear term is what the others leave of 1, so the fit is one of the differences to x.
-        found = np.linalg.lstsq(powers - GRID[:, None], (curves - GRID).T, rcond=None)[0].T
-        rows = [[*found_row, 1.0 - sum(found_row), 0.0] for found_row in found.tolist()]
-        return "".join(f"{_DEGREE} {' '.join(f'{value:.15g}' for value in row)}\n" for row in rows).encode()
+    channels = ()  # no polynomial of its 5 degrees comes near a steep curve
 
     @staticmethod
     def read(data: bytes) -> Passport:
         """Read one or three polynomials, scaled to 1 at brightness 1, and let them begin at 0."""
         lines = [numbers([row], "a line")[0] for row in rows_of(decode_text(data))]
         if len(lines) not in (1, 3) or any(line[0] != len(line) - 2 for line in lines):
-            raise FormatError(
-                f"it has {len(lines)} lines; use one or three of a degree and as many coefficients and one"
-            )
-        return _of_levels(np.array([np.polyval(line[1:], GRID) for line in lines]).T)
+            raise FormatError(f"it has {len(lines)} lines; use one or three of a degree n and n + 1 coefficients")
+        return _from_black(np.array([np.polyval(line[1:], GRID) for line in lines]).T)
 
 
 class ResponseFunctions(Format):
@@ -398,25 +338,11 @@ class ResponseFunctions(Format):
     Kim et al. 2012, "A new in-camera imaging model for color computer vision and its application",
     doi:10.1109/TPAMI.2012.58, as ReversiblePipeline keeps them (https://github.com/mbuckler/ReversiblePipeline). A
     ``raw2jpg_respFcns.txt`` looks the same and holds responses: cameras brighten, so those lie above the diagonal.
-
-    Keeps the channels, a single curve three times, to nine decimals. Curves are straight between the 256 samples; what
-    is written is always inverse; loses the rest, such as the band.
     """
 
     suffix = "respfcns.txt"
     sign = re.compile(rb"\A" + _lines_of(4, 3, 3))
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response at the 256 brightnesses, if it lies below the diagonal."""
-        curves = passport.in_direction("inverse")
-        if curves.mean() > 0.5:
-            raise InputError(
-                f"this inverse response has the mean {curves.mean():.2f}, so respFcns.txt would mean a response"
-            )
-        table = np.broadcast_to(evaluate(curves, np.linspace(0.0, 1.0, _LEVELS)).T, (_LEVELS, 3))
-        rows = "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in table.tolist())
-        return f"{_LEVELS} 0 0 0\n{rows}".encode()
+    channels = ()  # a part of a model, of no use without the rest
 
     @staticmethod
     def read(data: bytes) -> Passport:
@@ -435,8 +361,7 @@ _LABEL = "graph lin-lin"
 class DorfText(Format):
     """Records of the DoRF text, six lines a curve, as `crfbench.datasets.dorf.parse_dorf_text` reads them.
 
-    Keeps the camera's name, the channels (a record each, named Red, Green, Blue) and every digit. The direction is
-    always forward; loses the rest, such as the band.
+    Keeps the camera's name, the channels (a record each, named Red, Green, Blue) and every digit; always forward.
     """
 
     suffix = ".dorf.txt"
@@ -476,7 +401,7 @@ class Hugin(Format):
     is an image line with the five alone: put them into the image lines of your project. Projects are read as they are,
     the first image.
 
-    Keeps one curve, as near as five components come. The direction is always forward; loses the rest, such as the band.
+    Keeps one curve, as near as five components come; always forward.
     """
 
     suffix = ".pto"
@@ -486,7 +411,7 @@ class Hugin(Format):
     @staticmethod
     def write(passport: Passport) -> bytes:
         """Write the coefficients with the least MSE to the response."""
-        coefficients = _model().fit(single(passport, "Hugin").in_direction("forward"))[0]
+        coefficients = _model().fit(passport.in_direction("forward"))[0]
         words = [f"R{letter}{value:.9g}" for letter, value in zip(_LETTERS, coefficients.tolist(), strict=True)]
         return f"# EMoR response: put these five into the image lines of a project\ni {' '.join(words)}\n".encode()
 
@@ -521,8 +446,7 @@ class PCalib(Format):
     photometrically calibrated benchmark for monocular visual odometry", arXiv:1607.02555. DSO takes 256 values or more
     and refuses those that do not rise strictly, so each that is written is at least 0.0001 above the one before.
 
-    Keeps one curve, to 4e-7 where it rises. The direction is always inverse, and curves are straight between the 256
-    samples; loses the rest, such as the band.
+    Keeps one curve, to 4e-7 where it rises.
     """
 
     suffix = "pcalib.txt"
@@ -532,7 +456,7 @@ class PCalib(Format):
     @staticmethod
     def write(passport: Passport) -> bytes:
         """Write the inverse response at the 256 brightnesses."""
-        curve = single(passport, "pcalib.txt").in_direction("inverse")[0]
+        curve = passport.in_direction("inverse")[0]
         ramp = _LEAST_STEP * np.arange(_LEVELS)
         values = np.maximum.accumulate(255.0 * evaluate(curve, np.linspace(0.0, 1.0, _LEVELS)) - ramp) + ramp
         return (" ".join(f"{value:.6f}" for value in values) + "\n").encode()
@@ -545,15 +469,6 @@ class PCalib(Format):
         if len(values) < _LEVELS or not (np.diff(values) > 0).all():
             raise FormatError(f"its first line has {len(values)} values; use {_LEVELS} or more that rise strictly")
         return Passport("inverse", on_grid(((values - values[0]) / (values[-1] - values[0]))[:, None]))
-
-
-def single(passport: Passport, name: str) -> Passport:
-    """Return the passport if it has one curve."""
-    if len(passport.curves) != 1:
-        raise InputError(
-            f"{name} holds one curve and this passport has 3; use passport.channel('green') or --channel green"
-        )
-    return passport
 
 
 #: Every format by its name.
@@ -588,7 +503,7 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
     Parameters
     ----------
     passport : Passport
-        Of one curve, where the format holds no more.
+        Of as many curves as the format's `channels` say.
     path : path
     format : str, optional
         A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
@@ -598,6 +513,13 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
     if name is None:
         ends = ", ".join(each.suffix for each in FORMATS.values())
         raise InputError(f"the name {path} tells no format; let it end in one of {ends}")
+    if (held := len(passport.curves)) not in FORMATS[name].channels:
+        fit = (
+            "one curve; use passport.channel('green') or --channel green"
+            if FORMATS[name].channels
+            else "none: it is only read"
+        )
+        raise InputError(f"this passport has {held} curves and the format {name!r} holds {fit}")
     write_new(path, FORMATS[name].write(passport), overwrite)
 
 

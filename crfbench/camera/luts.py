@@ -18,16 +18,20 @@ _MOST_REPAIR = 0.01
 
 
 class Format(ABC):
-    """How a program stores a response."""
+    """How a program stores a response.
+
+    Where its class does not say otherwise, it keeps red, green and blue, the direction is always inverse, curves are
+    straight between its samples, and the rest is lost, such as the band.
+    """
 
     suffix: ClassVar[str]  # the end of its files' names, in small letters
     sign: ClassVar[re.Pattern[bytes]]  # what the beginning of a file shows, whatever its name
-    channels: ClassVar[tuple[int, ...]] = (1, 3)  # how many curves it can hold
+    channels: ClassVar[tuple[int, ...]] = (1, 3)  # how many curves it can hold; none: it is only read
 
     @staticmethod
-    @abstractmethod
     def write(passport: Passport) -> bytes:
         """Return the content of a file."""
+        raise NotImplementedError
 
     @staticmethod
     @abstractmethod
@@ -113,7 +117,7 @@ def _write_rows(passport: Passport, c: int) -> str:
     return "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in columns.tolist())
 
 
-_TITLE = re.compile(r'^[ \t]*TITLE[ \t]+"([^"\n]*)".*$', re.MULTILINE | re.IGNORECASE)
+_TITLE = re.compile(r'^[ \t]*TITLE\b[ \t]*"?([^"\n]*).*$', re.MULTILINE | re.IGNORECASE)
 _KEYWORD = re.compile(r"[A-Z]+_\w+")
 _ENDS = {"DOMAIN_MIN": 3, "DOMAIN_MAX": 3, "LUT_1D_INPUT_RANGE": 2}
 
@@ -124,8 +128,7 @@ class Cube(Format):
     Cube LUT Specification 1.0, Adobe Systems 2013; ``LUT_1D_INPUT_RANGE``, one range for all channels, is Resolve's
     (LUT format of DaVinci Resolve, Blackmagic Design). Of an input range wider than 0 to 1 that part counts.
 
-    Keeps the channels, red first, a single curve three times, to nine decimals, and the camera as its title. The
-    direction is always inverse; loses the rest, such as the band.
+    Keeps nine decimals, a single curve three times, and the camera as its title.
     """
 
     suffix = ".cube"
@@ -159,10 +162,11 @@ def _cube_domain(heads: list[list[str]]) -> tuple[Array, Array]:
     if video := [name for name, *_ in heads if "VIDEO_RANGE" in name]:
         raise FormatError(f"it says {video[0][:40]}; write the table for full-range values, from 0 to 1, instead")
     ends = {name: numbers([words], name)[0] for name, *words in heads if name in _ENDS}
-    if wrong := [name for name, values in ends.items() if len(values) != _ENDS[name]]:
-        raise FormatError(f"{wrong[0]} has {len(ends[wrong[0]])} values; use {_ENDS[wrong[0]]}")
-    if "LUT_1D_INPUT_RANGE" in ends and len(ends) > 1:
-        raise FormatError("it has DOMAIN and LUT_1D_INPUT_RANGE; use one of them")
+    sizes = {name: len(values) for name, values in ends.items()}
+    if sizes.items() - _ENDS.items() or ("LUT_1D_INPUT_RANGE" in ends and len(ends) > 1):
+        raise FormatError(
+            f"its input range has {sizes}; use DOMAIN_MIN and DOMAIN_MAX of 3, or LUT_1D_INPUT_RANGE of 2"
+        )
     low, high = ends.get("LUT_1D_INPUT_RANGE", np.array([0.0, 1.0]))
     return ends.get("DOMAIN_MIN", np.full(3, low)), ends.get("DOMAIN_MAX", np.full(3, high))
 
@@ -171,8 +175,7 @@ class Spi1d(Format):
     """A one-dimensional lookup table of Sony Imageworks, ``.spi1d``, as OpenColorIO reads it.
 
     OpenColorIO, file format ``spi1d`` (https://opencolorio.readthedocs.io): version, range of the input (``From``),
-    length, number of components, and between braces a row a sample. Keeps the channels, red first, to nine decimals.
-    The direction is always inverse; loses the rest, such as the band.
+    length, number of components, and between braces a row a sample. Keeps nine decimals.
     """
 
     suffix = ".spi1d"
@@ -205,8 +208,7 @@ class Csp(Format):
     """A one-dimensional lookup table of cineSpace, ``.csp``, with a pre-LUT a channel that shapes its input.
 
     Rising Sun Research's description, in appendix G of the manual of Open RV (https://aswf-openrv.readthedocs.io). A
-    pre-LUT is taken as straight between its points. Keeps the channels, red first, a single curve three times, to nine
-    decimals. The direction is always inverse; loses the rest, such as the band.
+    pre-LUT is taken as straight between its points. Keeps nine decimals, a single curve three times.
     """
 
     suffix = ".csp"
@@ -215,8 +217,8 @@ class Csp(Format):
     @staticmethod
     def write(passport: Passport) -> bytes:
         """Write the inverse response on its grid, behind pre-LUTs that change nothing."""
-        before = "2\n0.0 1.0\n0.0 1.0\n" * 3
-        return f"CSPLUTV100\n1D\n\n{before}\n{N_SAMPLES}\n{_write_rows(passport, 3)}".encode()
+        head = "CSPLUTV100\n1D\n\nBEGIN METADATA\nEND METADATA\n\n" + 3 * "2\n0.0 1.0\n0.0 1.0\n"
+        return f"{head}\n{N_SAMPLES}\n{_write_rows(passport, 3)}".encode()
 
     @staticmethod
     def read(data: bytes) -> Passport:
@@ -240,7 +242,9 @@ def _pre_lut(rows: list[list[str]]) -> tuple[Array, list[list[str]]]:
     if rows[:1] in ([["0"]], [["1"]]):  # too few points for a shape: it changes nothing
         return np.array([[0.0, 1.0], [0.0, 1.0]]), rows[1:]
     before = numbers(rows[1:3], "a pre-LUT")
-    if rows[0] != [str(before.shape[1])] or len(before) != 2 or (np.diff(before) <= 0).any():
-        raise FormatError(f"a pre-LUT has {before.shape[1]} points; use two rows that rise, of as many as it says")
+    if rows[0] != [str(before.shape[1])] or len(before) != 2 or (np.diff(before[0]) <= 0).any():
+        raise FormatError(
+            f"a pre-LUT has {before.shape[1]} points; use two rows of as many as it says, the first rising"
+        )
     _check_covers(before[0, 0], before[0, -1])
     return before, rows[3:]
