@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+import typer.core
 
 import crfbench
 from crfbench.errors import CrfbenchError, InputError
@@ -20,7 +21,18 @@ from crfbench.errors import CrfbenchError, InputError
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help="A workbench for camera response functions.")
+
+class _ByUse(typer.core.TyperGroup):
+    """Lists the commands as they are used: one's own camera first, then the paper."""
+
+    def list_commands(self, context: object) -> list[str]:
+        first = ["calibrate", "linearise", "convert", "lab", "data", "fetch", "table"]
+        return sorted(self.commands, key=lambda name: first.index(name) if name in first else len(first))
+
+
+app = typer.Typer(
+    cls=_ByUse, no_args_is_help=True, add_completion=False, help="A workbench for camera response functions."
+)
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
 app.add_typer(table_app, name="table")
 

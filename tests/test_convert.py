@@ -374,3 +374,10 @@ def test_linearise_takes_a_format(tmp_path):
         assert run_command("linearise", tmp_path / "a.png", *options).returncode == 0
         found.append(cv2.imread(str(tmp_path / "a.tif"), cv2.IMREAD_UNCHANGED)[0, 0, ::-1])
     np.testing.assert_allclose(found, [SAMPLES[128], SAMPLES[128, ::-1]], atol=1e-4)
+
+
+def test_help_lists_the_own_camera_before_the_paper():
+    lines = run_command("--help").stdout.splitlines()
+    names = [line.split()[1] for line in lines if line.startswith("│ ") and line[2].isalpha()]
+    assert names[:4] == ["calibrate", "linearise", "convert", "lab"]
+    assert names.index("table") < names.index("tables") < names.index("train")

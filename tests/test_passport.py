@@ -41,11 +41,15 @@ TOLERANCE = {
 WRITTEN = [name for name, each in FORMATS.items() if each.channels]
 
 
+@pytest.fixture(scope="module")
+def learned():
+    return EMoR.from_curves(load_opencrf().curves, 25, "forward")
+
+
 @pytest.fixture(autouse=True)
-def basis(monkeypatch, tmp_path):
+def basis(monkeypatch, learned):
     """Give Hugin's format a basis learned here, and no data folder with the published one."""
-    responses = load_opencrf()
-    model = EMoR.from_curves(responses.curves, 25, "forward")
+    model = learned
     monkeypatch.setattr(formats, "load_emor_basis", lambda direction: (model.mean_, model.components_))
     return model
 
