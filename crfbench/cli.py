@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-import typer.core
 
 import crfbench
 from crfbench.errors import CrfbenchError, InputError
@@ -22,17 +21,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-class _ByUse(typer.core.TyperGroup):
-    """Lists the commands as they are used: one's own camera first, then the paper."""
-
-    def list_commands(self, context: object) -> list[str]:
-        first = ["calibrate", "linearise", "convert", "lab", "data", "fetch", "table"]
-        return sorted(self.commands, key=lambda name: first.index(name) if name in first else len(first))
-
-
-app = typer.Typer(
-    cls=_ByUse, no_args_is_help=True, add_completion=False, help="A workbench for camera response functions."
-)
+app = typer.Typer(no_args_is_help=True, add_completion=False, help="A workbench for camera response functions.")
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
 app.add_typer(table_app, name="table")
 
@@ -344,6 +333,10 @@ def _as_text(frame: "DataFrame", width: int) -> str:
         return whole
     names = itertools.takewhile(lambda column: frame[column].dtype.kind != "f", frame)
     return frame.set_index(list(names)).to_string(sparsify=False, line_width=width, **style)
+
+
+# Help lists first what is used on one's own camera.
+app.registered_commands.sort(key=lambda command: command.callback not in (calibrate, linearise, convert, lab))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -43,7 +43,7 @@ def near(found: Passport, curves: np.ndarray, tolerance: float = 2e-5) -> None:
 @pytest.mark.parametrize("name", BY_CONTENT)
 @pytest.mark.parametrize("file_name", ["response", "camera.dat", "a.cube", "pcalib.txt", "a.opencv.npy"])
 def test_the_content_tells_the_format_whatever_the_name(name, file_name, tmp_path):
-    passport = ONE if 3 not in FORMATS[name].channels else THREE
+    passport = ONE if FORMATS[name].channels == (1,) else THREE
     path = tmp_path / file_name
     path.write_bytes(file_of(name, passport))
     expected, found = decode(name, path.read_bytes()), read_response(path)
@@ -138,12 +138,6 @@ def test_debevecs_g_is_a_logarithm_and_exposures_are_not(c, shift):
     near(decode("debevec", npy(noisy)), RGB[:c], 3e-3)
 
 
-def test_written_logarithms_are_those_of_the_irradiance():
-    g = np.load(io.BytesIO(FORMATS["debevec"].write(THREE)))
-    np.testing.assert_allclose(np.exp(g)[5:], SAMPLES[5:], atol=1e-12)
-    assert g[-1].tolist() == [0.0, 0.0, 0.0]
-
-
 def matrix_of_pfstools(name: str, samples: np.ndarray) -> str:
     table = np.column_stack([np.log10(samples + 1e-9), np.arange(len(samples)), samples])
     head = f"# Camera response curve, channel {name}\n# data layout: log10(response) | camera output | response\n"
@@ -190,7 +184,7 @@ def test_polynomials_of_hdrgen():
             decode("radiance", wrong)
 
 
-@pytest.mark.parametrize("name", ["radiance", "respfcns"])
+@pytest.mark.parametrize("name", [name for name, each in FORMATS.items() if not each.channels])
 def test_formats_that_are_only_read(name, tmp_path):
     with pytest.raises(InputError, match=f"the format '{name}' holds none: it is only read"):
         write_response(ONE, tmp_path / f"a{FORMATS[name].suffix}")
@@ -273,19 +267,13 @@ def test_pre_luts_shape_the_input():
 
 
 @pytest.mark.parametrize("end", ["spi1d", "csp"])
-def test_colour_science_and_we_read_each_others_tables(end, tmp_path):
-    write_response(THREE, tmp_path / f"ours.{end}")
+def test_tables_that_colour_science_writes(end, tmp_path):
     table = np.stack([np.linspace(0, 1, 33) ** gamma for gamma in (2.0, 2.2, 2.4)], axis=1)
     np.save(tmp_path / "table.npy", table)
     # In a process of its own: importing colour-science changes the filters of warnings for every later test.
     code = f"""import colour, numpy as np
-lut = colour.read_LUT("ours.{end}")
-np.savez("out.npz", table=lut.table, domain=lut.domain)
 colour.write_LUT(colour.LUT3x1D(np.load("table.npy"), name="theirs"), "theirs.{end}", decimals=9)"""
     subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=tmp_path, check=True, capture_output=True)
-    out = np.load(tmp_path / "out.npz")
-    np.testing.assert_allclose(out["table"], RGB.T, atol=1e-9)
-    np.testing.assert_array_equal(out["domain"], [[0, 0, 0], [1, 1, 1]])
     expected = [np.interp(GRID, np.linspace(0, 1, 33), column) for column in table.T]
     np.testing.assert_allclose(read_response(tmp_path / f"theirs.{end}").curves, expected, atol=1e-8)
 
@@ -380,4 +368,4 @@ def test_help_lists_the_own_camera_before_the_paper():
     lines = run_command("--help").stdout.splitlines()
     names = [line.split()[1] for line in lines if line.startswith("│ ") and line[2].isalpha()]
     assert names[:4] == ["calibrate", "linearise", "convert", "lab"]
-    assert names.index("table") < names.index("tables") < names.index("train")
+    assert names.index("tables") < names.index("report") < names.index("train")

@@ -34,8 +34,8 @@ SINGLE = {"hugin", "pcalib"}
 INVERSION = 5e-4
 # Straight lines between 256 samples, and five components, come this near.
 TOLERANCE = {
-    **dict.fromkeys(("opencv", "opencv-text", "pcalib", "debevec", "pfstools"), 2e-5),
-    **dict.fromkeys(("cube", "csp", "spi1d"), 1e-9),
+    **dict.fromkeys(("opencv", "opencv-text", "pcalib", "pfstools"), 2e-5),
+    "cube": 1e-9,
     "hugin": 3e-3,
 }
 WRITTEN = [name for name, each in FORMATS.items() if each.channels]

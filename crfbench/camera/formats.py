@@ -231,13 +231,9 @@ class Debevec(Format):
     (https://github.com/colour-science/colour-hdri), holds exposures themselves.
     """
 
-    suffix = ".debevec.npy"
+    suffix = ".g.npy"
     sign = re.compile(_shaped(rb"256,(?: [13])?").pattern + rb"|\A(?=\s*-)" + _lines_of(3, 3))
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write natural logarithms, 0 at the greatest brightness."""
-        return save_array(np.log(_samples(passport, len(passport.curves))))
+    channels = ()
 
     @staticmethod
     def read(data: bytes) -> Passport:

@@ -75,15 +75,11 @@ def on_grid(samples: Array, low: ArrayLike = 0.0, high: ArrayLike = 1.0) -> Arra
     """
     if len(samples) < 2:
         raise FormatError(f"it has {len(samples)} samples; use two or more")
-    lows, highs = (np.broadcast_to(end, samples.shape[1]) for end in (low, high))
-    _check_covers(lows.max(), highs.min())
-    axes = (np.linspace(a, b, len(samples)) for a, b in zip(lows, highs, strict=True))
-    return np.array([np.interp(GRID, x, column) for x, column in zip(axes, samples.T, strict=True)])
-
-
-def _check_covers(low: float, high: float) -> None:
-    if not (low <= END_TOLERANCE and high >= 1.0 - END_TOLERANCE):
-        raise FormatError(f"its input runs from {low:.4g} to {high:.4g}; use a table that covers 0 to 1")
+    low, high = np.broadcast_to(low, samples.shape[1]), np.broadcast_to(high, samples.shape[1])
+    if low.max() > END_TOLERANCE or high.min() < 1.0 - END_TOLERANCE:
+        raise FormatError(f"its input runs from {low.max():.4g} to {high.min():.4g}; use a table that covers 0 to 1")
+    axes = np.linspace(low, high, len(samples))
+    return np.array([np.interp(GRID, x, column) for x, column in zip(axes.T, samples.T, strict=True)])
 
 
 def scaled(curves: Array, direction: Direction = "inverse", **known: Any) -> Passport:
@@ -111,12 +107,6 @@ def merged(curves: Array) -> Array:
     return curves[:1] if (curves == curves[:1]).all() else curves
 
 
-def _write_rows(passport: Passport, c: int) -> str:
-    """Write the inverse response on its grid, a row a sample of `c` numbers with nine decimals."""
-    columns = np.broadcast_to(passport.in_direction("inverse"), (c, N_SAMPLES)).T
-    return "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in columns.tolist())
-
-
 _TITLE = re.compile(r'^[ \t]*TITLE\b[ \t]*"?([^"\n]*).*$', re.MULTILINE | re.IGNORECASE)
 _KEYWORD = re.compile(r"[A-Z]+_\w+")
 _ENDS = {"DOMAIN_MIN": 3, "DOMAIN_MAX": 3, "LUT_1D_INPUT_RANGE": 2}
@@ -138,8 +128,9 @@ class Cube(Format):
     def write(passport: Passport) -> bytes:
         """Write the inverse response on its grid."""
         title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
-        ends = "DOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0"
-        return f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\n{ends}\n{_write_rows(passport, 3)}'.encode()
+        columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
+        head = f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\nDOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0\n'
+        return (head + "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in columns.tolist())).encode()
 
     @staticmethod
     def read(data: bytes) -> Passport:
@@ -175,18 +166,12 @@ class Spi1d(Format):
     """A one-dimensional lookup table of Sony Imageworks, ``.spi1d``, as OpenColorIO reads it.
 
     OpenColorIO, file format ``spi1d`` (https://opencolorio.readthedocs.io): version, range of the input (``From``),
-    length, number of components, and between braces a row a sample. Keeps nine decimals.
+    length, number of components, and between braces a row a sample.
     """
 
     suffix = ".spi1d"
     sign = re.compile(rb"\A\s*Version\s+\d+\s+(?:From|Length|Components)\b", re.IGNORECASE)
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response on its grid."""
-        c = len(passport.curves)
-        head = f"Version 1\nFrom 0.0 1.0\nLength {N_SAMPLES}\nComponents {c}\n"
-        return f"{head}{{\n{_write_rows(passport, c)}}}\n".encode()
+    channels = ()
 
     @staticmethod
     def read(data: bytes) -> Passport:
@@ -208,17 +193,12 @@ class Csp(Format):
     """A one-dimensional lookup table of cineSpace, ``.csp``, with a pre-LUT a channel that shapes its input.
 
     Rising Sun Research's description, in appendix G of the manual of Open RV (https://aswf-openrv.readthedocs.io). A
-    pre-LUT is taken as straight between its points. Keeps nine decimals, a single curve three times.
+    pre-LUT is taken as straight between its points.
     """
 
     suffix = ".csp"
     sign = re.compile(rb"\A(?:\xef\xbb\xbf)?\s*CSPLUTV100\b")
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response on its grid, behind pre-LUTs that change nothing."""
-        head = "CSPLUTV100\n1D\n\nBEGIN METADATA\nEND METADATA\n\n" + 3 * "2\n0.0 1.0\n0.0 1.0\n"
-        return f"{head}\n{N_SAMPLES}\n{_write_rows(passport, 3)}".encode()
+    channels = ()
 
     @staticmethod
     def read(data: bytes) -> Passport:
@@ -226,15 +206,15 @@ class Csp(Format):
         rows = rows_of(_METADATA.sub("", decode_text(data)))
         if rows[:2] != [["CSPLUTV100"], ["1D"]]:
             raise FormatError("it does not begin with CSPLUTV100 and 1D; use a one-dimensional table")
-        rows, units = rows[2:], []
-        for _ in range(3):
-            before, rows = _pre_lut(rows)
-            units.append(np.interp(GRID, *before))
+        red, rows = _pre_lut(rows[2:])
+        green, rows = _pre_lut(rows)
+        blue, rows = _pre_lut(rows)
         table = numbers(rows[1:], "the table")
-        if rows[0] != [str(len(table))] or table.shape[1] != 3 or len(table) < 2:
+        if rows[0] != [str(len(table))] or table.shape[1] != 3:
             raise FormatError(f"its table has shape {table.shape} below the size {' '.join(rows[0])[:20]}")
         x = np.linspace(0.0, 1.0, len(table))
-        return scaled(np.array([np.interp(unit, x, column) for unit, column in zip(units, table.T, strict=True)]))
+        shaped = zip((red, green, blue), table.T, strict=True)
+        return scaled(np.array([np.interp(np.interp(GRID, *before), x, column) for before, column in shaped]))
 
 
 def _pre_lut(rows: list[list[str]]) -> tuple[Array, list[list[str]]]:
@@ -242,9 +222,9 @@ def _pre_lut(rows: list[list[str]]) -> tuple[Array, list[list[str]]]:
     if rows[:1] in ([["0"]], [["1"]]):  # too few points for a shape: it changes nothing
         return np.array([[0.0, 1.0], [0.0, 1.0]]), rows[1:]
     before = numbers(rows[1:3], "a pre-LUT")
-    if rows[0] != [str(before.shape[1])] or len(before) != 2 or (np.diff(before[0]) <= 0).any():
+    rises = (np.diff(before[0]) > 0).all() and before[0, 0] <= 0 and before[0, -1] >= 1
+    if rows[0] != [str(before.shape[1])] or len(before) != 2 or not rises:
         raise FormatError(
-            f"a pre-LUT has {before.shape[1]} points; use two rows of as many as it says, the first rising"
+            f"a pre-LUT says {str(rows[0])[:20]}; use so many inputs, rising, that cover 0 to 1, and outputs"
         )
-    _check_covers(before[0, 0], before[0, -1])
     return before, rows[3:]

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 _REPORT, _MERGED = "report.html", "merged.exr"
 _GREYS = slice(18, 24)
-# The others are a `crfbench convert` away; a folder of sixteen would hide what is wanted.
-_EXPORTS = ("passport", "csv", "npy", "opencv", "dorf", "cube", "hugin", "pcalib")
 
 
 def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
@@ -46,7 +44,7 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
     """
     folder = Path(folder)
     held = len(result.passport.curves)
-    paths = {name: folder / _file_name(name) for name in _EXPORTS if held in FORMATS[name].channels}
+    paths = {name: folder / _file_name(name) for name, each in FORMATS.items() if held in each.channels}
     for path in (*paths.values(), folder / _REPORT, *([folder / _MERGED] if result.merged else [])):
         check_new(path, overwrite)
     page = report_page(result)
