@@ -186,7 +186,7 @@ def test_polynomials_of_hdrgen():
 
 @pytest.mark.parametrize("name", [name for name, each in FORMATS.items() if not each.channels])
 def test_formats_that_are_only_read(name, tmp_path):
-    with pytest.raises(InputError, match=f"the format '{name}' holds none: it is only read"):
+    with pytest.raises(InputError, match=f"format='{name}' is only read; use another"):
         write_response(ONE, tmp_path / f"a{FORMATS[name].suffix}")
     assert not list(tmp_path.iterdir())
 
@@ -326,7 +326,7 @@ def test_the_mean_of_the_channels_has_their_mean_band_and_no_parameters():
         (["good.json", "a.cube", "--channel", "violet"], "use one of red, green, blue, mean"),
         (["bad.json", "a.cube"], "bad.json: this is not a response in the format 'passport'"),
         (["bad.dat", "a.cube"], "bad.dat is no response in a format that is known"),
-        (["good.json", "a.rsp"], "'radiance' holds none: it is only read"),
+        (["good.json", "a.rsp"], "format='radiance' is only read"),
     ],
 )
 def test_what_convert_refuses_in_one_sentence(arguments, message, tmp_path, monkeypatch):

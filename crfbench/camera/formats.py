@@ -30,7 +30,7 @@ class Json(Format):
     """The passport itself as JSON, version 1: carries everything, exactly."""
 
     suffix = ".json"
-    sign = re.compile(rb"\A\s*\{\s*\"format\"")
+    sign = re.compile(rb'\A\s*\{.*"%s"' % _KIND.encode(), re.DOTALL)
 
     @staticmethod
     def write(passport: Passport) -> bytes:
@@ -507,15 +507,13 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
     """
     name = _by_ending(path, FORMATS) if format is None else check_choice("format", format, FORMATS)
     if name is None:
-        ends = ", ".join(each.suffix for each in FORMATS.values())
+        ends = ", ".join(each.suffix for each in FORMATS.values() if each.channels)
         raise InputError(f"the name {path} tells no format; let it end in one of {ends}")
+    if not FORMATS[name].channels:
+        raise InputError(f"format={name!r} is only read; use another, such as csv, cube or opencv")
     if (held := len(passport.curves)) not in FORMATS[name].channels:
-        fit = (
-            "one curve; use passport.channel('green') or --channel green"
-            if FORMATS[name].channels
-            else "none: it is only read"
-        )
-        raise InputError(f"this passport has {held} curves and the format {name!r} holds {fit}")
+        use = "passport.channel('green') or --channel green"
+        raise InputError(f"this passport has {held} curves and the format {name!r} holds one curve; use {use}")
     write_new(path, FORMATS[name].write(passport), overwrite)
 
 
