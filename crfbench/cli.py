@@ -20,7 +20,6 @@ from crfbench.errors import CrfbenchError, InputError
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="A workbench for camera response functions.")
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
 app.add_typer(table_app, name="table")
@@ -220,7 +219,7 @@ def convert(
     out: Annotated[Path, typer.Argument(help="What to write; the end of its name tells the format.")],
     format: FormatName = None,
     to: Annotated[str | None, typer.Option(help="Format of OUT, such as pcalib or opencv.")] = None,
-    channel: Annotated[str | None, typer.Option(help="red, green, blue or mean, where OUT holds one curve.")] = None,
+    channel: Annotated[str | None, typer.Option(help="red, green or blue, where OUT holds one curve.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Turn a response into the format of another program."""

@@ -15,14 +15,14 @@ from crfbench.camera.formats import FORMATS, decode
 from crfbench.curves import GRID
 from crfbench.errors import FormatError, InputError
 from tests.support.command import run_command
-from tests.support.responses import file_of, rows
+from tests.support.responses import file_of, matrix_of_pfstools, rows
 
 LEVELS = np.arange(256) / 255
 RGB = np.array([GRID**2.0, GRID**2.2, np.expm1(3 * GRID) / np.expm1(3)])
 SAMPLES = np.array([np.interp(LEVELS, GRID, curve) for curve in RGB]).T
 ONE = Passport("inverse", RGB[1])
 THREE = Passport("inverse", RGB)
-BY_CONTENT = [name for name in FORMATS if name not in ("hugin", "opencv-text")]
+BY_CONTENT = [name for name in FORMATS if name != "hugin"]
 
 
 def npy(array: np.ndarray) -> bytes:
@@ -103,7 +103,7 @@ def test_a_curve_of_another_shape_is_not_repaired(name):
         decode(name, files[name])
 
 
-def test_what_opencv_stores_as_text_and_what_it_reads_of_ours(tmp_path):
+def test_what_opencv_stores_as_text(tmp_path):
     response = np.ascontiguousarray(7 * SAMPLES[:, None, ::-1].astype(np.float32)) + np.float32(1e-4)
     for end in ("yml", "xml", "json"):
         for shape in ((256, 1, 3), (256, 3)):
@@ -114,11 +114,6 @@ def test_what_opencv_stores_as_text_and_what_it_reads_of_ours(tmp_path):
     for delimiter in (",", ", ", " ", "\t"):
         np.savetxt(tmp_path / "theirs.csv", response.reshape(256, 3), delimiter=delimiter)
         near(read_response(tmp_path / "theirs.csv"), RGB, 1e-4)
-    write_response(THREE, tmp_path / "ours.yml")
-    storage = cv2.FileStorage(str(tmp_path / "ours.yml"), cv2.FILE_STORAGE_READ)
-    ours = storage.getNode("response").mat()
-    write_response(THREE, tmp_path / "ours.opencv.npy")
-    np.testing.assert_allclose(ours.reshape(256, 1, 3), np.load(tmp_path / "ours.opencv.npy"), rtol=1e-6)
 
 
 def test_a_grey_response_of_opencv_is_one_curve():
@@ -138,12 +133,6 @@ def test_debevecs_g_is_a_logarithm_and_exposures_are_not(c, shift):
     near(decode("debevec", npy(noisy)), RGB[:c], 3e-3)
 
 
-def matrix_of_pfstools(name: str, samples: np.ndarray) -> str:
-    table = np.column_stack([np.log10(samples + 1e-9), np.arange(len(samples)), samples])
-    head = f"# Camera response curve, channel {name}\n# data layout: log10(response) | camera output | response\n"
-    return f"{head}# name: {name}\n# type: matrix\n# rows: {len(samples)}\n# columns: 3\n{rows(table)}\n"
-
-
 @pytest.mark.parametrize("levels", [256, 4096])
 def test_responses_of_pfstools(levels):
     x = np.linspace(0, 1, levels)
@@ -157,20 +146,6 @@ def test_responses_of_pfstools(levels):
         decode("pfstools", colour[: colour.index("# name: IB")].encode())
     with pytest.raises(FormatError, match=r"begin with shape \(\d+, 3\)"):
         decode("pfstools", matrix_of_pfstools("IY", columns[0]).replace(" 1 ", " 2 ").replace(" 1.0 ", " 2 ").encode())
-
-
-def test_octave_could_read_our_matrices_and_the_weights_are_a_hat():
-    text = FORMATS["pfstools"].write(THREE).decode()
-    blocks = text.split("# name: ")[1:]
-    assert [block.split()[0] for block in blocks] == ["IR", "IG", "IB", "W"]
-    for block, samples in zip(blocks, SAMPLES.T, strict=False):
-        table = np.loadtxt(io.StringIO(block.split("# columns: 3\n")[1].split("#")[0]))
-        np.testing.assert_allclose(table[5:, 2], samples[5:], rtol=1e-6)
-        np.testing.assert_allclose(10 ** table[:, 0], table[:, 2], rtol=1e-6)
-        assert table[:, 1].tolist() == list(range(256))
-    weights = np.loadtxt(io.StringIO(blocks[3].split("# columns: 2\n")[1]))
-    assert weights[[0, 255], 0].tolist() == [0.0, 0.0]
-    assert (weights[1:255, 0] > 0).all()
 
 
 def test_polynomials_of_hdrgen():
@@ -293,7 +268,7 @@ def test_convert_turns_one_into_another(tmp_path):
     assert run_command("convert", tmp_path / "b.dat", tmp_path / "a.cube", "--force").returncode == 0
 
 
-@pytest.mark.parametrize(("channel", "curve"), [("red", RGB[0]), ("blue", RGB[2]), ("mean", RGB.mean(axis=0))])
+@pytest.mark.parametrize(("channel", "curve"), [("red", RGB[0]), ("blue", RGB[2])])
 def test_convert_takes_one_channel_where_one_fits(channel, curve, tmp_path):
     write_response(THREE, tmp_path / "passport.json")
     refused = run_command("convert", tmp_path / "passport.json", tmp_path / "pcalib.txt")
@@ -308,14 +283,6 @@ def test_convert_takes_one_channel_where_one_fits(channel, curve, tmp_path):
     near(read_response(tmp_path / "pcalib.txt"), curve)
 
 
-def test_the_mean_of_the_channels_has_their_mean_band_and_no_parameters():
-    band = {"low": RGB - 0.1, "high": RGB + np.array([[0.1], [0.2], [0.3]]), "level": 0.9}
-    mean = Passport("inverse", RGB, **band, params=[[1.0], [2.0], [3.0]], iso=100).channel("mean")
-    assert (mean.channels, mean.params, mean.iso) == (("intensity",), None, 100)
-    np.testing.assert_allclose(mean.curves[0], RGB.mean(axis=0))
-    np.testing.assert_allclose([mean.low[0], mean.high[0]], RGB.mean(axis=0) + np.array([[-0.1], [0.2]]))
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -323,7 +290,7 @@ def test_the_mean_of_the_channels_has_their_mean_band_and_no_parameters():
         (["good.json", "a.xyz"], "the name a.xyz tells no format; let it end in one of"),
         (["good.json", "a.cube", "--to", "exr"], "format='exr' is not known; use one of passport"),
         (["good.json", "a.cube", "--format", "exr"], "format='exr' is not known; use one of passport"),
-        (["good.json", "a.cube", "--channel", "violet"], "use one of red, green, blue, mean"),
+        (["good.json", "a.cube", "--channel", "violet"], "use one of red, green, blue"),
         (["bad.json", "a.cube"], "bad.json: this is not a response in the format 'passport'"),
         (["bad.dat", "a.cube"], "bad.dat is no response in a format that is known"),
         (["good.json", "a.rsp"], "format='radiance' is only read"),

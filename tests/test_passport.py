@@ -34,7 +34,7 @@ SINGLE = {"hugin", "pcalib"}
 INVERSION = 5e-4
 # Straight lines between 256 samples, and five components, come this near.
 TOLERANCE = {
-    **dict.fromkeys(("opencv", "opencv-text", "pcalib", "pfstools"), 2e-5),
+    **dict.fromkeys(("opencv", "pcalib"), 2e-5),
     "cube": 1e-9,
     "hugin": 3e-3,
 }

@@ -1,8 +1,7 @@
-"""Lookup tables of colour programs, and what every format needs: its interface, numbers out of text, valid curves."""
+"""Lookup tables of colour programs, and what every format needs: numbers out of text, and valid curves."""
 
 import re
-from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,28 +14,6 @@ from crfbench.errors import FormatError
 END_TOLERANCE = 1e-6
 # Debevec's method leaves small falls where few pixels were seen, and log tables a small rest at black.
 _MOST_REPAIR = 0.01
-
-
-class Format(ABC):
-    """How a program stores a response.
-
-    Where its class does not say otherwise, it keeps red, green and blue, the direction is always inverse, curves are
-    straight between its samples, and the rest is lost, such as the band.
-    """
-
-    suffix: ClassVar[str]  # the end of its files' names, in small letters
-    sign: ClassVar[re.Pattern[bytes]]  # what the beginning of a file shows, whatever its name
-    channels: ClassVar[tuple[int, ...]] = (1, 3)  # how many curves it can hold; none: it is only read
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Return the content of a file."""
-        raise NotImplementedError
-
-    @staticmethod
-    @abstractmethod
-    def read(data: bytes) -> Passport:
-        """Read the content of a file; `InputError` or `FormatError` for bytes of another kind."""
 
 
 def decode_text(data: bytes) -> str:
@@ -112,41 +89,33 @@ _KEYWORD = re.compile(r"[A-Z]+_\w+")
 _ENDS = {"DOMAIN_MIN": 3, "DOMAIN_MAX": 3, "LUT_1D_INPUT_RANGE": 2}
 
 
-class Cube(Format):
-    """A one-dimensional lookup table in the cube format of Adobe (IRIDAS) and Resolve: it makes an image linear.
+def write_cube(passport: Passport) -> bytes:
+    """Write the inverse response on its grid, a single curve three times, to nine decimals."""
+    title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
+    columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
+    head = f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\nDOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0\n'
+    return (head + "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in columns.tolist())).encode()
+
+
+def read_cube(data: bytes) -> Passport:
+    """Read a one-dimensional lookup table in the cube format of Adobe (IRIDAS) and Resolve: it makes an image linear.
 
     Cube LUT Specification 1.0, Adobe Systems 2013; ``LUT_1D_INPUT_RANGE``, one range for all channels, is Resolve's
-    (LUT format of DaVinci Resolve, Blackmagic Design). Of an input range wider than 0 to 1 that part counts.
-
-    Keeps nine decimals, a single curve three times, and the camera as its title.
+    (LUT format of DaVinci Resolve, Blackmagic Design). A table of any size, whose domain covers 0 to 1: of a wider one
+    that part counts. One for video levels is a `FormatError`. Keeps the camera as its title.
     """
-
-    suffix = ".cube"
-    sign = re.compile(rb"^[ \t]*LUT_[13]D_SIZE\b", re.MULTILINE | re.IGNORECASE)
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response on its grid."""
-        title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
-        columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
-        head = f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\nDOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0\n'
-        return (head + "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in columns.tolist())).encode()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read a table of any size over a domain that covers 0 to 1; one for video levels is a `FormatError`."""
-        text = decode_text(data)
-        title = _TITLE.search(text)
-        rows = [[row[0].upper(), *row[1:]] for row in rows_of(_TITLE.sub("", text))]  # a title may hold "#"
-        heads = [row for row in rows if _KEYWORD.match(row[0])]
-        sizes = [row[1:] for row in heads if row[0].endswith("D_SIZE")]
-        if len(sizes) != 1 or ["LUT_1D_SIZE", *sizes[0]] not in heads:
-            raise FormatError("it has no single line LUT_1D_SIZE; use a one-dimensional table")
-        low, high = _cube_domain(heads)
-        table = numbers([row for row in rows if row not in heads], "the table")
-        if sizes[0] != [str(len(table))] or table.shape[1] != 3:
-            raise FormatError(f"its table has shape {table.shape}; its head says ({' '.join(sizes[0])[:20]}, 3)")
-        return scaled(on_grid(table, low, high), camera=title.group(1) if title else "")
+    text = decode_text(data)
+    title = _TITLE.search(text)
+    rows = [[row[0].upper(), *row[1:]] for row in rows_of(_TITLE.sub("", text))]  # a title may hold "#"
+    heads = [row for row in rows if _KEYWORD.match(row[0])]
+    sizes = [row[1:] for row in heads if row[0].endswith("D_SIZE")]
+    if len(sizes) != 1 or ["LUT_1D_SIZE", *sizes[0]] not in heads:
+        raise FormatError("it has no single line LUT_1D_SIZE; use a one-dimensional table")
+    low, high = _cube_domain(heads)
+    table = numbers([row for row in rows if row not in heads], "the table")
+    if sizes[0] != [str(len(table))] or table.shape[1] != 3:
+        raise FormatError(f"its table has shape {table.shape}; its head says ({' '.join(sizes[0])[:20]}, 3)")
+    return scaled(on_grid(table, low, high), camera=title.group(1) if title else "")
 
 
 def _cube_domain(heads: list[list[str]]) -> tuple[Array, Array]:
@@ -162,59 +131,43 @@ def _cube_domain(heads: list[list[str]]) -> tuple[Array, Array]:
     return ends.get("DOMAIN_MIN", np.full(3, low)), ends.get("DOMAIN_MAX", np.full(3, high))
 
 
-class Spi1d(Format):
-    """A one-dimensional lookup table of Sony Imageworks, ``.spi1d``, as OpenColorIO reads it.
+def read_spi1d(data: bytes) -> Passport:
+    """Read a lookup table of Sony Imageworks, ``.spi1d``, of one or three components, whose range covers 0 to 1.
 
     OpenColorIO, file format ``spi1d`` (https://opencolorio.readthedocs.io): version, range of the input (``From``),
-    length, number of components, and between braces a row a sample.
+    length, number of components, and between braces a row a sample. Where these disagree it is a `FormatError`.
     """
-
-    suffix = ".spi1d"
-    sign = re.compile(rb"\A\s*Version\s+\d+\s+(?:From|Length|Components)\b", re.IGNORECASE)
-    channels = ()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read a table of one or three components whose range covers 0 to 1."""
-        head, _, body = decode_text(data).partition("{")
-        told = {name.lower(): words for name, *words in rows_of(head)}
-        ends = numbers([told.get("from", [])], "the line From")[0]
-        table = numbers(rows_of(body.partition("}")[0]), "the table")
-        said = [told.get(name) for name in ("version", "length", "components")]
-        if said != [["1"], *([str(size)] for size in table.shape)] or table.shape[1] not in (1, 3) or len(ends) != 2:
-            raise FormatError(f"its table has shape {table.shape} and its head says {str(said)[:60]}; let them agree")
-        return scaled(on_grid(table, *ends))
+    head, _, body = decode_text(data).partition("{")
+    told = {name.lower(): words for name, *words in rows_of(head)}
+    ends = numbers([told.get("from", [])], "the line From")[0]
+    table = numbers(rows_of(body.partition("}")[0]), "the table")
+    said = [told.get(name) for name in ("version", "length", "components")]
+    if said != [["1"], *([str(size)] for size in table.shape)] or table.shape[1] not in (1, 3) or len(ends) != 2:
+        raise FormatError(f"its table has shape {table.shape} and its head says {str(said)[:60]}; let them agree")
+    return scaled(on_grid(table, *ends))
 
 
 _METADATA = re.compile(r"^BEGIN METADATA.*?^END METADATA", re.MULTILINE | re.DOTALL)
 
 
-class Csp(Format):
-    """A one-dimensional lookup table of cineSpace, ``.csp``, with a pre-LUT a channel that shapes its input.
+def read_csp(data: bytes) -> Passport:
+    """Read a lookup table of cineSpace, ``.csp``, with a pre-LUT a channel that shapes its input and covers 0 to 1.
 
     Rising Sun Research's description, in appendix G of the manual of Open RV (https://aswf-openrv.readthedocs.io). A
-    pre-LUT is taken as straight between its points.
+    pre-LUT is taken as straight between its points. Other bytes are a `FormatError`.
     """
-
-    suffix = ".csp"
-    sign = re.compile(rb"\A(?:\xef\xbb\xbf)?\s*CSPLUTV100\b")
-    channels = ()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read a table of any size whose pre-LUTs cover 0 to 1."""
-        rows = rows_of(_METADATA.sub("", decode_text(data)))
-        if rows[:2] != [["CSPLUTV100"], ["1D"]]:
-            raise FormatError("it does not begin with CSPLUTV100 and 1D; use a one-dimensional table")
-        red, rows = _pre_lut(rows[2:])
-        green, rows = _pre_lut(rows)
-        blue, rows = _pre_lut(rows)
-        table = numbers(rows[1:], "the table")
-        if rows[0] != [str(len(table))] or table.shape[1] != 3:
-            raise FormatError(f"its table has shape {table.shape} below the size {' '.join(rows[0])[:20]}")
-        x = np.linspace(0.0, 1.0, len(table))
-        shaped = zip((red, green, blue), table.T, strict=True)
-        return scaled(np.array([np.interp(np.interp(GRID, *before), x, column) for before, column in shaped]))
+    rows = rows_of(_METADATA.sub("", decode_text(data)))
+    if rows[:2] != [["CSPLUTV100"], ["1D"]]:
+        raise FormatError("it does not begin with CSPLUTV100 and 1D; use a one-dimensional table")
+    red, rows = _pre_lut(rows[2:])
+    green, rows = _pre_lut(rows)
+    blue, rows = _pre_lut(rows)
+    table = numbers(rows[1:], "the table")
+    if rows[0] != [str(len(table))] or table.shape[1] != 3:
+        raise FormatError(f"its table has shape {table.shape} below the size {' '.join(rows[0])[:20]}")
+    x = np.linspace(0.0, 1.0, len(table))
+    shaped = zip((red, green, blue), table.T, strict=True)
+    return scaled(np.array([np.interp(np.interp(GRID, *before), x, column) for before, column in shaped]))
 
 
 def _pre_lut(rows: list[list[str]]) -> tuple[Array, list[list[str]]]:

@@ -199,7 +199,5 @@ def _picture(width: float, height: float, draw: Callable[["Axes"], object], kind
 
 
 def _file_name(name: str) -> str:
-    suffix: str = FORMATS[name].suffix
-    if name == "passport":
-        return f"passport{suffix}"
-    return f"response{suffix}" if suffix.startswith(".") else suffix
+    suffix = FORMATS[name].suffix
+    return f"{'passport' if name == 'passport' else 'response'}{suffix}" if suffix.startswith(".") else suffix

@@ -106,12 +106,9 @@ class Passport:
         return self.curves if check_direction(direction) == self.direction else invert(self.curves)
 
     def channel(self, name: str) -> "Passport":
-        """Return the passport of one of `channels`, as intensity, or of their "mean" (of curves and band)."""
-        if name == "mean":
-            low, high = (None if part is None else part.mean(axis=0) for part in (self.low, self.high))
-            return replace(self, curves=self.curves.mean(axis=0), low=low, high=high, params=None)
+        """Return the passport of one of `channels`, as intensity."""
         if name not in self.channels:
-            raise InputError(f"channel={name!r} is not in this passport; use one of {', '.join(self.channels)}, mean")
+            raise InputError(f"channel={name!r} is not in this passport; use one of {', '.join(self.channels)}")
         row = self.channels.index(name)
         low, high, params = (None if part is None else part[[row]] for part in (self.low, self.high, self.params))
         return replace(self, curves=self.curves[[row]], low=low, high=high, params=params)
