@@ -36,6 +36,9 @@ FORMER_NAMES = {
 }
 _FORMER_NETWORK = re.compile(r"((?:baseline|ldl|auc|aae|vae|monotone|open)-[13])(?:-inverse|(-forward))")
 
+FormatName = Annotated[
+    str | None, typer.Option(help="Of the response, such as opencv or pcalib; default: as its content tells.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON rows instead of text.")]
 Alone = Annotated[bool, typer.Option("--alone", help="Models as they are, without a discrepancy for what they miss.")]
 
@@ -202,15 +205,36 @@ def calibrate(
 @app.command()
 def linearise(
     image: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, HEIC, AVIF or WebP, 8 or 16 bit.")],
-    response: Annotated[Path, typer.Option(help="passport.json or any export of it.")],
+    response: Annotated[Path, typer.Option(help="passport.json, or the response of another program.")],
     out: Annotated[Path, typer.Option(help="What to write: .exr, .tif or .hdr (float).")],
+    format: FormatName = None,
     white_level: Annotated[int | None, typer.Option(help="Of a 16-bit image, such as 4095; default: a guess.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
 ) -> None:
     """Turn the brightness of an image back into irradiance."""
     from crfbench.camera import linearise_file
 
-    typer.echo(linearise_file(image, response, out, force, white_level=white_level, say=partial(typer.echo, err=True)))
+    say = partial(typer.echo, err=True)
+    typer.echo(linearise_file(image, response, out, force, format=format, white_level=white_level, say=say))
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(help="passport.json, or the response of another program.")],
+    out: Annotated[Path, typer.Argument(help="What to write; the end of its name tells the format.")],
+    format: FormatName = None,
+    to: Annotated[str | None, typer.Option(help="Format of OUT, such as pcalib or opencv.")] = None,
+    channel: Annotated[str | None, typer.Option(help="red, green or blue, where OUT holds one curve.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
+) -> None:
+    """Turn a response into the format of another program."""
+    from crfbench.camera import read_response, write_response
+
+    passport = read_response(source, format)
+    if passport.note:
+        typer.echo(f"{source}: {passport.note}", err=True)
+    write_response(passport.channel(channel) if channel else passport, out, to, force)
+    typer.echo(out)
 
 
 def _current_name(name: str) -> str:
@@ -313,6 +337,10 @@ def _as_text(frame: "DataFrame", width: int) -> str:
         return whole
     names = itertools.takewhile(lambda column: frame[column].dtype.kind != "f", frame)
     return frame.set_index(list(names)).to_string(sparsify=False, line_width=width, **style)
+
+
+# Help lists first what is used on one's own camera.
+app.registered_commands.sort(key=lambda command: command.callback not in (calibrate, linearise, convert, lab))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

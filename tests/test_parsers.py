@@ -28,6 +28,7 @@ from crfbench.models.slr import read_weights
 from crfbench.paper.results import load_recorded
 from crfbench.search.result import Journal
 from crfbench.search.space import Outcome
+from tests.support.responses import file_of
 
 CURVE = np.linspace(0.0, 1.0, 1024) ** 2
 
@@ -88,7 +89,7 @@ PARSERS = {
     "times": Parser(lambda path: path.write_text("1,2.5,1e3"), lambda path: _given_times(path, THREE)[0]),
     **{
         f"passport as {name}": Parser(
-            lambda path, name=name: path.write_bytes(FORMATS[name].write(Passport("inverse", CURVE))),
+            lambda path, name=name: path.write_bytes(file_of(name, Passport("inverse", CURVE))),
             lambda path, name=name: decode(name, path.read_bytes()),
         )
         for name in FORMATS

@@ -1,18 +1,30 @@
-"""The formats of a response, a small class each; a new one gets its line in `FORMATS` and joins every test."""
+"""The formats of a response, a reader and a writer each; a new one gets its entry in `FORMATS` and joins every test."""
 
 import io
 import json
 import re
-from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from crfbench.camera.luts import (
+    END_TOLERANCE,
+    decode_text,
+    numbers,
+    on_grid,
+    read_csp,
+    read_cube,
+    read_spi1d,
+    rows_of,
+    scaled,
+    write_cube,
+)
 from crfbench.camera.passport import Passport
 from crfbench.checks import check_choice
-from crfbench.curves import GRID, N_SAMPLES, Array, Direction, evaluate, resample
+from crfbench.curves import GRID, Array, Direction, evaluate, resample
 from crfbench.datasets import load_emor_basis
 from crfbench.datasets.dorf import parse_dorf_text
 from crfbench.errors import FormatError, InputError, MissingDataError
@@ -20,60 +32,45 @@ from crfbench.files import write_new
 from crfbench.models.emor import EMoR
 
 
-class Format(ABC):
-    """How a program stores a response."""
+class Format(NamedTuple):
+    """How a program stores a response.
 
-    suffix: ClassVar[str]  # the end of its files' names
-    channels: ClassVar[tuple[int, ...]] = (1, 3)  # how many curves it can hold
+    Where its reader does not say otherwise, it keeps red, green and blue, the direction is always inverse, curves are
+    straight between its samples, and the rest is lost, such as the band.
+    """
 
-    @staticmethod
-    @abstractmethod
-    def write(passport: Passport) -> bytes:
-        """Return the content of a file."""
-
-    @staticmethod
-    @abstractmethod
-    def read(data: bytes) -> Passport:
-        """Read the content of a file; `InputError` or `FormatError` for bytes of another kind."""
+    suffix: str  # the end of its files' names, in small letters
+    sign: re.Pattern[bytes]  # what the beginning of a file shows, whatever its name
+    read: Callable[[bytes], Passport]  # raises `InputError` or `FormatError` for bytes of another kind
+    write: Callable[[Passport], bytes] | None = None
+    channels: tuple[int, ...] = ()  # how many curves it can hold; none: it is only read
 
 
 _KIND = "crfbench response passport"
 _VERSION = 1
 _NAMES = tuple(field.name for field in fields(Passport))
+_LATER = {"white_level": None, "note": ""}  # which the first passports did not hold
 
 
-class Json(Format):
-    """The passport itself as JSON, version 1: carries everything, exactly."""
-
-    suffix = ".json"
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write every field under its name; the bytes depend on the passport alone."""
-        values = {name: getattr(passport, name) for name in _NAMES}
-        return json.dumps(
-            {"format": _KIND, "schema": _VERSION, **values}, default=np.ndarray.tolist, allow_nan=False
-        ).encode()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read a passport; an entry that is missing, unknown or there twice is a `FormatError`."""
-        content = _parse(data)
-        if not isinstance(content, dict) or content.get("format") != _KIND:
-            raise FormatError(f"it does not say that its format is {_KIND!r}; use a passport that crfbench wrote")
-        if content.get("schema") != _VERSION:
-            raise FormatError(f"its schema is {str(content.get('schema'))[:20]!r}; this crfbench reads {_VERSION}")
-        values = {name: value for name, value in content.items() if name not in ("format", "schema")}
-        if odd := {"white_level": None, **values}.keys() ^ set(_NAMES):  # which the first passports did not hold
-            raise FormatError(f"these entries are missing or unknown: {', '.join(sorted(odd))[:100]}")
-        return Passport(**values)
+def _write_json(passport: Passport) -> bytes:
+    content = {"format": _KIND, "schema": _VERSION, **{name: getattr(passport, name) for name in _NAMES}}
+    return json.dumps(content, default=np.ndarray.tolist, allow_nan=False).encode()
 
 
-def _parse(data: bytes) -> object:
+def _read_json(data: bytes) -> Passport:
+    """Read the passport itself, version 1: everything, exactly; no entry may be missing, unknown or there twice."""
     try:
-        return json.loads(data, parse_constant=_refuse, object_pairs_hook=_unique)
+        content = json.loads(data, parse_constant=_refuse, object_pairs_hook=_unique)
     except (ValueError, RecursionError) as error:
         raise FormatError(f"it is not JSON ({str(error)[:80]})") from None
+    if not isinstance(content, dict) or content.get("format") != _KIND:
+        raise FormatError(f"it does not say that its format is {_KIND!r}; use a passport that crfbench wrote")
+    if content.get("schema") != _VERSION:
+        raise FormatError(f"its schema is {str(content.get('schema'))[:20]!r}; this crfbench reads {_VERSION}")
+    values = {name: value for name, value in content.items() if name not in ("format", "schema")}
+    if odd := {**_LATER, **values}.keys() ^ set(_NAMES):
+        raise FormatError(f"these entries are missing or unknown: {', '.join(sorted(odd))[:100]}")
+    return Passport(**values)
 
 
 def _refuse(constant: str) -> float:
@@ -93,48 +90,37 @@ _AXES: dict[Direction, tuple[str, str]] = {
     "forward": ("irradiance", "brightness"),
 }
 _CSV_ENDINGS = {1: ("",), 3: ("_r", "_g", "_b")}
-_END_TOLERANCE = 1e-6
-
-
-class Csv(Format):
-    """A table with a head: ``brightness,irradiance`` for an inverse response, ``irradiance,brightness`` for a response.
-
-    Three curves have ``_r``, ``_g`` and ``_b`` after the name of the second quantity. Keeps direction and channels, to
-    the last digit; loses the rest of the passport, such as the band.
-    """
-
-    suffix = ".csv"
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write 1024 rows below the head."""
-        rows = np.column_stack([GRID, *passport.curves]).tolist()
-        lines = [_head(passport.direction, len(passport.curves)), *(",".join(map(repr, row)) for row in rows)]
-        return ("\n".join(lines) + "\n").encode()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read two or more rows whose first column rises from 0 to 1, or raise `FormatError`.
-
-        Spaces and quotes about the names do no harm.
-        """
-        head, *lines = decode_text(data).strip().splitlines() or [""]
-        heads = {_head(direction, c): direction for direction in _AXES for c in _CSV_ENDINGS}
-        name = "".join(head.lower().replace('"', "").split())
-        if name not in heads:
-            raise FormatError(f"its head is {head[:60]!r}; use one of {'; '.join(heads)}")
-        table = numbers([line.split(",") for line in lines if line.strip()], "the table")
-        if table.shape[1] != name.count(",") + 1:
-            raise FormatError(f"its rows have {table.shape[1]} values below a head of {name.count(',') + 1}")
-        x = table[:, 0]
-        if (np.diff(x) <= 0).any() or max(abs(x[0]), abs(x[-1] - 1.0)) > _END_TOLERANCE:
-            raise FormatError(f"its first column runs from {x[0]:.4g} to {x[-1]:.4g}; let it rise strictly from 0 to 1")
-        return Passport(heads[name], np.array([np.interp(GRID, x, y) for y in table.T[1:]]))
 
 
 def _head(direction: Direction, c: int) -> str:
     first, second = _AXES[direction]
     return ",".join([first, *(f"{second}{ending}" for ending in _CSV_ENDINGS[c])])
+
+
+def _write_csv(passport: Passport) -> bytes:
+    rows = np.column_stack([GRID, *passport.curves]).tolist()
+    lines = [_head(passport.direction, len(passport.curves)), *(",".join(map(repr, row)) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _read_csv(data: bytes) -> Passport:
+    """Read a table below ``brightness,irradiance`` (inverse response) or ``irradiance,brightness`` (response).
+
+    Three curves have ``_r``, ``_g`` and ``_b`` after the name of the second quantity; spaces and quotes about the names
+    do no harm. Two or more rows, whose first column rises from 0 to 1. Keeps the direction and every digit.
+    """
+    head, *lines = decode_text(data).strip().splitlines() or [""]
+    heads = {_head(direction, c): direction for direction in _AXES for c in _CSV_ENDINGS}
+    name = "".join(head.lower().replace('"', "").split())
+    if name not in heads:
+        raise FormatError(f"its head is {head[:60]!r}; use one of {'; '.join(heads)}")
+    table = numbers([line.split(",") for line in lines if line.strip()], "the table")
+    if table.shape[1] != name.count(",") + 1:
+        raise FormatError(f"its rows have {table.shape[1]} values below a head of {name.count(',') + 1}")
+    x = table[:, 0]
+    if (np.diff(x) <= 0).any() or max(abs(x[0]), abs(x[-1] - 1.0)) > END_TOLERANCE:
+        raise FormatError(f"its first column runs from {x[0]:.4g} to {x[-1]:.4g}; let it rise strictly from 0 to 1")
+    return Passport(heads[name], np.array([np.interp(GRID, x, y) for y in table.T[1:]]))
 
 
 # The head as NumPy writes it, of plain real numbers. NumPy's own reader tries to make sense of damaged heads.
@@ -145,34 +131,23 @@ _HEAD = re.compile(
 )
 
 
-class Npy(Format):
-    """A NumPy file of float64: the inverse response, shape (1024,) for one curve and (3, 1024) for red, green, blue.
-
-    Keeps the channels, to the last digit. The direction is always inverse; loses the rest, such as the band.
-    """
-
-    suffix = ".npy"
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response."""
-        curves = passport.in_direction("inverse")
-        return save_array(curves if len(curves) > 1 else curves[0])
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read curves; the samples must be on the grid already."""
-        return Passport("inverse", load_array(data))
+def _write_npy(passport: Passport) -> bytes:
+    curves = passport.in_direction("inverse")
+    return _save_array(curves if len(curves) > 1 else curves[0])
 
 
-def save_array(array: np.ndarray) -> bytes:
-    """Return the content of a ``.npy`` file."""
+def _read_npy(data: bytes) -> Passport:
+    """Read a NumPy file of samples on the grid, (1024,) for one curve or (3, 1024), to the last digit."""
+    return Passport("inverse", _load_array(data))
+
+
+def _save_array(array: np.ndarray) -> bytes:
     file = io.BytesIO()
     np.save(file, array, allow_pickle=False)
     return file.getvalue()
 
 
-def load_array(data: bytes) -> np.ndarray:
+def _load_array(data: bytes) -> np.ndarray:
     """Read a ``.npy`` file of real numbers, in which nothing can run code; other bytes are a `FormatError`."""
     head = _HEAD.match(data)
     if not head:
@@ -185,260 +160,236 @@ def load_array(data: bytes) -> np.ndarray:
         raise FormatError(f"the .npy file is damaged ({str(error)[:80]})") from None
 
 
-_SHAPE = (256, 1, 3)
+_LEVELS = 256
+_EVEN: Array = np.linspace(0.0, 1.0, _LEVELS)
+_SHAPES = [(_LEVELS, 1, 3), (_LEVELS, 1, 1), (_LEVELS, 3), (_LEVELS, 1), (_LEVELS,)]
+_MATRIX = re.compile(r'opencv-matrix\b.*?\bdata\b["\s:>]*\[?([^\]<]*)', re.DOTALL)
 
 
-class OpenCV(Format):
-    """The response of OpenCV's HDR merging: a NumPy file of float32, shape (256, 1, 3), blue, green, red.
+def _write_opencv(passport: Passport) -> bytes:
+    # Merging takes the logarithm, and irradiance 0 has none: it takes the first value above, as OpenCV's default does.
+    samples = evaluate(passport.in_direction("inverse"), _EVEN).T
+    samples = np.maximum(samples, np.where(samples > 0, samples, np.inf).min(axis=0))
+    return _save_array(np.broadcast_to(samples, (_LEVELS, 3))[:, None, ::-1].astype(np.float32, order="C"))
 
-    ``cv2.createMergeDebevec().process(images, times, numpy.load(path))`` takes it as it is, and what
-    ``cv2.createCalibrateDebevec()`` gives can be saved as it is (https://docs.opencv.org, module photo). An entry is
-    the irradiance of an 8-bit brightness up to a scale common to all, not its logarithm: the merging takes that itself.
-    Irradiance 0 has none, so what is 0 takes the first value above it, as in OpenCV's own default response.
 
-    Keeps the channels, a single curve three times. The direction is always inverse, and curves are straight between the
-    256 samples; loses the rest, such as the band.
+def _read_opencv(data: bytes) -> Passport:
+    """Read the response of OpenCV's HDR merging: float32, shape (256, 1, 3), blue, green, red, of any scale.
+
+    ``cv2.createMergeDebevec().process(images, times, numpy.load(path))`` takes what is written as it is, and what
+    ``cv2.createCalibrateDebevec()`` gives can be saved as it is (https://docs.opencv.org, module photo), by
+    ``numpy.save``, by ``numpy.savetxt`` as rows of three, or by ``cv2.FileStorage``. An entry is the irradiance of an
+    8-bit brightness, not its logarithm. The curve is let begin at 0.
     """
+    return _from_black(_load_levels(data)[:, ::-1])
 
-    suffix = ".opencv.npy"
 
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response at the 256 brightnesses."""
-        samples = evaluate(passport.in_direction("inverse"), np.linspace(0.0, 1.0, _SHAPE[0])).astype(np.float32)
-        least = np.where(samples > 0, samples, np.float32(np.inf)).min(axis=1, keepdims=True)
-        blue_first = np.broadcast_to(np.maximum(samples, least)[::-1], (3, _SHAPE[0]))
-        return save_array(np.ascontiguousarray(blue_first.T[:, None, :]))
+def _read_debevec(data: bytes) -> Passport:
+    """Read Debevec and Malik's g, the logarithm of exposure at 256 brightnesses: an array or rows of text, red first.
 
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read a response of any scale, and let it begin at 0; anything else is a `FormatError`."""
-        response = load_array(data).astype(np.float64)
-        if response.shape != _SHAPE or not (response > 0).all():
-            raise FormatError(f"it has shape {response.shape}; use {_SHAPE} and values above 0")
-        samples = response[:, 0, ::-1] / response[-1, 0, ::-1]
-        samples[0] = 0.0
-        return Passport("inverse", merged(on_grid(samples)))
+    Debevec and Malik 1997, "Recovering high dynamic range radiance maps from photographs", doi:10.1145/258734.258884.
+    g has values far below 0; an array of the same shape without them, as colour-hdri saves its responses
+    (https://github.com/colour-science/colour-hdri), holds exposures themselves.
+    """
+    g = _load_levels(data)
+    return _from_black(np.exp(g - g[-1]) if g.min() < -0.05 * g.max() else g)
+
+
+def _load_levels(data: bytes) -> Array:
+    """Read the values of 256 brightnesses, (256, 1) or (256, 3), from an array, a matrix of OpenCV or rows of text."""
+    if data.startswith(b"\x93NUMPY"):
+        values = _load_array(data).astype(np.float64)
+    elif matrix := _MATRIX.search(text := decode_text(data)):
+        values = numbers([matrix.group(1).replace(",", " ").split()], "the matrix").reshape(-1)
+        values = values.reshape(_LEVELS, 3) if values.size == 3 * _LEVELS else values
+    else:
+        values = numbers(rows_of(text.replace(",", " ")), "the table")
+    if values.shape not in _SHAPES:
+        raise FormatError(f"it has shape {values.shape}; use (256, 1, 3), (256, 3) or (256,)")
+    return values.reshape(_LEVELS, -1)
+
+
+def _from_black(samples: Array) -> Passport:
+    """Make the passport of irradiances of even brightnesses, (m, c); a solver's value for black gives way to 0."""
+    return scaled(on_grid(np.vstack([np.zeros_like(samples[:1]), samples[1:]])))
+
+
+def _read_pfstools(data: bytes) -> Passport:
+    """Read the response file of pfstools (pfscalibration) and Luminance HDR, ``.m``, of matrices in Octave's text.
+
+    What ``pfshdrcalibrate --save-response`` writes (https://pfstools.sourceforge.net): a matrix a channel (IR, IG, IB,
+    or IY for luminance) with the columns log10 of irradiance, brightness from 0 up to any number, and irradiance of any
+    scale; then the weights of the brightnesses.
+    """
+    _, *parts = re.split(r"^# name:\s*(\w+)", decode_text(data), flags=re.MULTILINE)
+    matrices = dict(zip(parts[::2], parts[1::2], strict=True))
+    names = [name for name in ("IY", "IR", "IG", "IB") if name in matrices]
+    if len(names) not in (1, 3):
+        raise FormatError(f"it has the channels {', '.join(names) or 'none'}; use IR, IG and IB, or IY")
+    tables = [numbers(rows_of(matrices[name]), f"the matrix {name}") for name in names]
+    shape, levels = tables[0].shape, np.arange(len(tables[0]))
+    if shape[1] != 3 or not all(each.shape == shape and (each[:, 1] == levels).all() for each in tables):
+        raise FormatError(f"its matrices begin with shape {shape}; use 3 columns, the second from 0 up, in each")
+    return _from_black(np.array([each[:, 2] for each in tables]).T)
+
+
+def _read_radiance(data: bytes) -> Passport:
+    """Read the response file of hdrgen, for Radiance, ``.rsp``: a polynomial a channel, brightness to irradiance.
+
+    Ward's hdrgen (https://www.anyhere.com) by Mitsunaga and Nayar 1999, doi:10.1109/CVPR.1999.786966: a line a channel,
+    red first, of the degree and the coefficients, that of the highest power first; brightness from 0 to 1.
+    """
+    lines = [numbers([row], "a line")[0] for row in rows_of(decode_text(data))]
+    if len(lines) not in (1, 3) or any(line[0] != len(line) - 2 for line in lines):
+        raise FormatError(f"it has {len(lines)} lines; use one or three of a degree n and n + 1 coefficients")
+    return _from_black(np.array([np.polyval(line[1:], GRID) for line in lines]).T)
+
+
+def _read_respfcns(data: bytes) -> Passport:
+    """Read the ``jpg2raw_respFcns.txt`` of in-camera models: a line of four numbers, 256 rows of red, green and blue.
+
+    Kim et al. 2012, "A new in-camera imaging model for color computer vision and its application",
+    doi:10.1109/TPAMI.2012.58, as ReversiblePipeline keeps them (https://github.com/mbuckler/ReversiblePipeline). A
+    ``raw2jpg_respFcns.txt`` looks the same and holds responses: cameras brighten, so those lie above the diagonal.
+    """
+    first, *rows = rows_of(decode_text(data)) or [[]]
+    table = numbers(rows, "the table")
+    if len(first) != 4 or table.shape != (_LEVELS, 3):
+        raise FormatError(f"it has shape {table.shape} below a line of {len(first)}; use (256, 3) below one of 4")
+    return scaled(on_grid(table), "forward" if table.mean() > 0.5 * table[-1].mean() else "inverse")
 
 
 _DORF_ENDINGS = {1: ("",), 3: ("Red", "Green", "Blue")}
-_LABEL = "graph lin-lin"
 
 
-class DorfText(Format):
-    """Records of the DoRF text, six lines a curve, as `crfbench.datasets.dorf.parse_dorf_text` reads them.
+def _write_dorf(passport: Passport) -> bytes:
+    name = " ".join(passport.camera.split()) or "camera"
+    curves = passport.in_direction("forward")
+    x = " ".join(map(repr, GRID.tolist()))
+    records = [
+        f"{name}{ending}\ngraph lin-lin\nI =\n{x}\nB =\n{' '.join(map(repr, curve))}\n"
+        for ending, curve in zip(_DORF_ENDINGS[len(curves)], curves.tolist(), strict=True)
+    ]
+    return "".join(records).encode("latin-1", "replace")  # other letters become question marks
 
-    Keeps the camera's name, the channels (a record each, named Red, Green, Blue) and every digit. The direction is
-    always forward; loses the rest, such as the band.
+
+def _read_dorf(data: bytes) -> Passport:
+    """Read records of the DoRF text, one or three, red first, as `crfbench.datasets.dorf.parse_dorf_text` does.
+
+    Irradiance and brightness may have any unit. Keeps the camera's name and every digit; always forward.
     """
-
-    suffix = ".dorf.txt"
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the response; letters outside Latin-1 become question marks."""
-        name = " ".join(passport.camera.split()) or "camera"
-        curves = passport.in_direction("forward")
-        records = zip(_DORF_ENDINGS[len(curves)], curves.tolist(), strict=True)
-        lines = [line for ending, curve in records for line in _record(name + ending, curve)]
-        return ("\n".join(lines) + "\n").encode("latin-1", "replace")
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read one record, or three, red first; irradiance and brightness may have any unit."""
-        names, irradiance, brightness = parse_dorf_text(data.decode("latin-1"))
-        curves = np.array([resample(x, y) for x, y in zip(irradiance, brightness, strict=True)])
-        ending = _DORF_ENDINGS.get(len(curves), ("",))[0]
-        return Passport("forward", curves, camera=names[0].removesuffix(ending))
-
-
-def _record(name: str, curve: list[float]) -> tuple[str, ...]:
-    return name, _LABEL, "I =", " ".join(map(repr, GRID.tolist())), "B =", " ".join(map(repr, curve))
-
-
-_SIZE = re.compile(r"^LUT_1D_SIZE[ \t]+(\d{1,5})[ \t]*$", re.MULTILINE)
-_TITLE = re.compile(r'^TITLE[ \t]+"([^"]*)"[ \t]*$', re.MULTILINE)
-_WORD = re.compile(r"[A-Z#]")
-_DOMAIN = re.compile(r"^DOMAIN_(MIN|MAX)[ \t]+(.*)$", re.MULTILINE)
-
-
-class Cube(Format):
-    """A one-dimensional lookup table in Adobe's (IRIDAS) cube format: applied to an image, it makes it linear.
-
-    Cube LUT Specification 1.0, Adobe Systems 2013. Keeps the channels, red first, a single curve three times, to nine
-    decimals, and the camera as its title. The direction is always inverse; loses the rest, such as the band.
-    """
-
-    suffix = ".cube"
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response on its grid."""
-        title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
-        columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
-        head = [f'TITLE "{title}"', f"LUT_1D_SIZE {N_SAMPLES}", "DOMAIN_MIN 0.0 0.0 0.0", "DOMAIN_MAX 1.0 1.0 1.0"]
-        rows = [f"{r:.9f} {g:.9f} {b:.9f}" for r, g, b in columns.tolist()]
-        return ("\n".join(head + rows) + "\n").encode()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read a table of any size over the domain from 0 to 1; anything else is a `FormatError`."""
-        text = "\n".join(decode_text(data).splitlines())
-        size, title = _SIZE.findall(text), _TITLE.search(text)
-        if len(size) != 1:
-            raise FormatError("it has no single line LUT_1D_SIZE; use a one-dimensional table")
-        _check_domain(text)
-        rows = [line.split() for line in text.splitlines() if line.strip() and not _WORD.match(line.strip())]
-        table = numbers(rows, "the table")
-        if table.shape != (int(size[0]), 3):
-            raise FormatError(f"its table has shape {table.shape}; its head says ({size[0]}, 3)")
-        return Passport("inverse", merged(on_grid(table)), camera=title.group(1) if title else "")
-
-
-def _check_domain(text: str) -> None:
-    for end, words in _DOMAIN.findall(text):
-        if (numbers([words.split()], f"DOMAIN_{end}") != (end == "MAX")).any():
-            raise FormatError(f"its domain has the {end} {words[:40]!r}; use one from 0 to 1")
+    names, irradiance, brightness = parse_dorf_text(data.decode("latin-1"))
+    curves = np.array([resample(x, y) for x, y in zip(irradiance, brightness, strict=True)])
+    ending = _DORF_ENDINGS.get(len(curves), ("",))[0]
+    return Passport("forward", curves, camera=names[0].removesuffix(ending))
 
 
 _LETTERS = "abcde"
 _NUMBER = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
 
 
-class Hugin(Format):
-    """Hugin's five EMoR coefficients, ``Ra`` to ``Re`` of an image line of its project files (``.pto``).
+def _write_hugin(passport: Passport) -> bytes:
+    coefficients = _emor().fit(passport.in_direction("forward"))[0]  # with the least MSE to the response
+    words = [f"R{letter}{value:.9g}" for letter, value in zip(_LETTERS, coefficients.tolist(), strict=True)]
+    return f"# EMoR response: put these five into the image lines of a project\ni {' '.join(words)}\n".encode()
+
+
+def _read_hugin(data: bytes) -> Passport:
+    """Read Hugin's five EMoR coefficients, ``Ra`` to ``Re``, from the first image line of a project (``.pto``).
 
     Hugin's response is f0 + Ra h1 + ... + Re h5, of the published forward basis (no logarithm; irradiance and
-    brightness from 0 to 1), made monotone. That basis is not bundled: ``crfbench fetch emor`` gets it. What is written
-    is an image line with the five alone: put them into the image lines of your project. Projects are read as they are,
-    the first image.
+    brightness from 0 to 1), here the nearest monotone curve to it. That basis is not bundled: ``crfbench fetch emor``
+    gets it. What is written is an image line with the five alone: put them into the image lines of your project.
 
-    Keeps one curve, as near as five components come. The direction is always forward; loses the rest, such as the band.
+    Keeps one curve, as near as five components come; always forward.
     """
-
-    suffix = ".pto"
-    channels = (1,)
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the coefficients with the least MSE to the response."""
-        coefficients = _model().fit(single(passport, "Hugin").in_direction("forward"))[0]
-        words = [f"R{letter}{value:.9g}" for letter, value in zip(_LETTERS, coefficients.tolist(), strict=True)]
-        return f"# EMoR response: put these five into the image lines of a project\ni {' '.join(words)}\n".encode()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read the first image line's coefficients; the curve is the nearest monotone one to what they give."""
-        coefficients = _coefficients(decode_text(data))
-        model = _model()
-        return Passport("forward", model.nearest_valid(coefficients), model="EMoR", params=coefficients[None])
-
-
-def _coefficients(text: str) -> Array:
-    line = next((line for line in text.splitlines() if line.startswith("i ")), "")
+    line = next((line for line in decode_text(data).splitlines() if line.startswith("i ")), "")
     found = [re.findall(rf"(?<= )R{letter}{_NUMBER}(?= |$)", line) for letter in _LETTERS]
     if not all(len(values) == 1 for values in found):
         raise FormatError("it has no image line with Ra, Rb, Rc, Rd and Re; use a project of Hugin")
-    return numbers([[values[0] for values in found]], "the image line")[0]
+    coefficients = numbers([[values[0] for values in found]], "the image line")
+    return Passport("forward", _emor().nearest_valid(coefficients[0]), model="EMoR", params=coefficients)
 
 
-def _model() -> EMoR:
+def _emor() -> EMoR:
     mean, components = load_emor_basis("forward")
     return EMoR(mean, np.asarray(components), n_params=len(_LETTERS), direction="forward")
 
 
-_LEVELS = 256
 _LEAST_STEP = 1e-4  # six times what single precision, which DSO reads with, can tell at 255
 
 
-class PCalib(Format):
-    """The photometric calibration ``pcalib.txt`` of the TUM monoVO data set and of DSO: one line of 256 values.
+def _write_pcalib(passport: Passport) -> bytes:
+    ramp = _LEAST_STEP * np.arange(_LEVELS)
+    values = np.maximum.accumulate(255.0 * evaluate(passport.in_direction("inverse")[0], _EVEN) - ramp) + ramp
+    return (" ".join(f"{value:.6f}" for value in values) + "\n").encode()
 
-    Value i is the irradiance of 8-bit brightness i, from 0 to 255. Engel, Usenko and Cremers 2016, "A photometrically
-    calibrated benchmark for monocular visual odometry", arXiv:1607.02555. DSO refuses values that do not rise strictly,
-    so each is at least 0.0001 above the one before.
 
-    Keeps one curve, to 4e-7 where it rises. The direction is always inverse, and curves are straight between the 256
-    samples; loses the rest, such as the band.
+def _read_pcalib(data: bytes) -> Passport:
+    """Read the calibration ``pcalib.txt`` of the TUM monoVO data set and of DSO: one line of 256 or more values.
+
+    Value i is the irradiance of brightness i, from 0 to 255 in 8 bits, here shifted and scaled to run from 0 to 1 as
+    DSO does. Engel, Usenko and Cremers 2016, "A photometrically calibrated benchmark for monocular visual odometry",
+    arXiv:1607.02555. DSO takes 256 values or more and refuses those that do not rise strictly, so each that is written
+    is at least 0.0001 above the one before.
+
+    Keeps one curve, to 4e-7 where it rises.
     """
-
-    suffix = "pcalib.txt"
-    channels = (1,)
-
-    @staticmethod
-    def write(passport: Passport) -> bytes:
-        """Write the inverse response at the 256 brightnesses."""
-        curve = single(passport, "pcalib.txt").in_direction("inverse")[0]
-        ramp = _LEAST_STEP * np.arange(_LEVELS)
-        values = np.maximum.accumulate(255.0 * evaluate(curve, np.linspace(0.0, 1.0, _LEVELS)) - ramp) + ramp
-        return (" ".join(f"{value:.6f}" for value in values) + "\n").encode()
-
-    @staticmethod
-    def read(data: bytes) -> Passport:
-        """Read the first line, shifted and scaled to run from 0 to 1 as DSO does, or raise `FormatError`."""
-        lines = decode_text(data).splitlines() or [""]
-        values = numbers([lines[0].split()], "the first line")[0]
-        if len(values) != _LEVELS or not (np.diff(values) > 0).all():
-            raise FormatError(f"its first line has {len(values)} values; use {_LEVELS} that rise strictly")
-        return Passport("inverse", on_grid(((values - values[0]) / (values[-1] - values[0]))[:, None]))
+    lines = decode_text(data).splitlines() or [""]
+    values = numbers([lines[0].split()], "the first line")[0]
+    if len(values) < _LEVELS or not (np.diff(values) > 0).all():
+        raise FormatError(f"its first line has {len(values)} values; use {_LEVELS} or more that rise strictly")
+    return Passport("inverse", resample(np.arange(len(values)), values))
 
 
-def decode_text(data: bytes) -> str:
-    """Decode UTF-8, with or without a byte order mark; other bytes are a `FormatError`."""
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FormatError(f"it is not UTF-8 text ({error.reason} at byte {error.start})") from None
+def _shaped(shape: bytes) -> bytes:
+    return rb"\A\x93NUMPY[^\n]{2,99}'shape': \(%s\)" % shape
 
 
-def numbers(rows: list[list[str]], where: str) -> Array:
-    """Turn rows of words, all of one length, into finite numbers, shape (rows, words), or raise `FormatError`."""
-    lengths = {len(row) for row in rows}
-    if len(lengths) != 1:
-        raise FormatError(f"{where} has rows of {sorted(lengths) or 'no'} values; use rows of one length")
-    try:
-        values = np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise FormatError(f"{where} holds something that is not a number: {str(error)[:80]}") from None
-    if not np.isfinite(values).all():
-        raise FormatError(f"{where} holds NaN or infinite values; use finite numbers")
-    return values
-
-
-def on_grid(samples: Array) -> Array:
-    """Bring two or more even samples of [0, 1], shape (m, c), onto the grid, (c, 1024); one is a `FormatError`."""
-    if len(samples) < 2:
-        raise FormatError(f"it has {len(samples)} samples; use two or more")
-    x = np.linspace(0.0, 1.0, len(samples))
-    return np.array([np.interp(GRID, x, column) for column in samples.T])
-
-
-def merged(curves: Array) -> Array:
-    """Return one curve for three equal ones, which is how formats of three columns hold one."""
-    return curves[:1] if (curves == curves[:1]).all() else curves
-
-
-def single(passport: Passport, name: str) -> Passport:
-    """Return the passport if it has one curve."""
-    if len(passport.curves) != 1:
-        raise InputError(f"{name} holds one curve and this passport has 3; use passport.channel('green'), for example")
-    return passport
-
-
-#: Every format by its name.
-FORMATS: dict[str, type[Format]] = {
-    "passport": Json,
-    "csv": Csv,
-    "npy": Npy,
-    "opencv": OpenCV,
-    "dorf": DorfText,
-    "cube": Cube,
-    "hugin": Hugin,
-    "pcalib": PCalib,
+_VALUE = rb"[-+.\deE]+"
+_THREE = rb"[ \t]*%s(?:[ \t,]+%s){2}[ \t]*\r?\n" % (_VALUE, _VALUE)
+_FOUR = _THREE.replace(b"{2}", b"{3}")
+_OPENCV = _shaped(rb"256, 1, [13]") + rb"|opencv[-_](?:matrix|storage)|"
+_ANY = (1, 3)
+#: Every format by its name. Rows of text that begin below 0 hold logarithms, which are Debevec's.
+FORMATS: dict[str, Format] = {
+    "passport": Format(
+        ".json", re.compile(rb'\A\s*\{.*"%s"' % _KIND.encode(), re.DOTALL), _read_json, _write_json, _ANY
+    ),
+    "csv": Format(
+        ".csv",
+        re.compile(rb'(?i)\A(?:\xef\xbb\xbf)?[\s"]*(?:brightness|irradiance)[\s"]*,'),
+        _read_csv,
+        _write_csv,
+        _ANY,
+    ),
+    "npy": Format(".npy", re.compile(_shaped(rb"(?:[13], )?1024,?")), _read_npy, _write_npy, _ANY),
+    "opencv": Format(
+        ".opencv.npy", re.compile(_OPENCV + rb"\A(?!\s*-)" + 2 * _THREE), _read_opencv, _write_opencv, _ANY
+    ),
+    "dorf": Format(".dorf.txt", re.compile(rb"(?m)^[ \t]*I[ \t]*=[ \t\r]*$"), _read_dorf, _write_dorf, _ANY),
+    "cube": Format(".cube", re.compile(rb"(?im)^[ \t]*LUT_[13]D_SIZE\b"), read_cube, write_cube, _ANY),
+    "hugin": Format(".pto", re.compile(rb"(?m)^i (?:[^\n]* )?Ra"), _read_hugin, _write_hugin, (1,)),
+    "pcalib": Format(
+        "pcalib.txt", re.compile(rb"\A\s*(?:%s[ \t]+){255}%s" % (_VALUE, _VALUE)), _read_pcalib, _write_pcalib, (1,)
+    ),
+    "debevec": Format(".g.npy", re.compile(_shaped(rb"256,(?: [13])?") + rb"|\A(?=\s*-)" + 2 * _THREE), _read_debevec),
+    "pfstools": Format(
+        ".m", re.compile(rb"(?m)^# (?:Camera response curve|data layout: log10\(response\))"), _read_pfstools
+    ),
+    "radiance": Format(
+        ".rsp",
+        re.compile(rb"\A(?:[ \t]*[1-9]\d?(?:[ \t]+%s){2,}[ \t]*(?:\r?\n|\Z)){1,3}\s*\Z" % _VALUE),
+        _read_radiance,
+    ),
+    "respfcns": Format("respfcns.txt", re.compile(rb"\A" + _FOUR + 2 * _THREE), _read_respfcns),
+    "spi1d": Format(".spi1d", re.compile(rb"(?i)\A\s*Version\s+\d+\s+(?:From|Length|Components)\b"), read_spi1d),
+    "csp": Format(".csp", re.compile(rb"\A(?:\xef\xbb\xbf)?\s*CSPLUTV100\b"), read_csp),
 }
 
 # A passport of 3 curves with its band takes 0.2 MB, a project file of Hugin little more.
 _MOST_BYTES = 32 * 2**20
+_HEAD_BYTES = 2**16
 
 
 def write_response(passport: Passport, path: str | Path, format: str | None = None, overwrite: bool = False) -> None:
@@ -449,13 +400,23 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
     Parameters
     ----------
     passport : Passport
-        Of one curve, where the format holds no more.
+        Of as many curves as the format's `channels` say.
     path : path
     format : str, optional
         A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
     overwrite : bool
     """
-    write_new(path, FORMATS[_format(path, format)].write(passport), overwrite)
+    name = _by_ending(path, FORMATS) if format is None else check_choice("format", format, FORMATS)
+    if name is None:
+        ends = ", ".join(each.suffix for each in FORMATS.values() if each.write)
+        raise InputError(f"the name {path} tells no format; let it end in one of {ends}")
+    *_, write, channels = FORMATS[name]
+    if write is None:
+        raise InputError(f"format={name!r} is only read; use another, such as csv, cube or opencv")
+    if (held := len(passport.curves)) not in channels:
+        use = "passport.channel('green') or --channel green"
+        raise InputError(f"this passport has {held} curves and the format {name!r} holds one curve; use {use}")
+    write_new(path, write(passport), overwrite)
 
 
 def read_response(path: str | Path, format: str | None = None) -> Passport:
@@ -467,20 +428,27 @@ def read_response(path: str | Path, format: str | None = None) -> Passport:
     ----------
     path : path
     format : str, optional
-        A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
+        A name in `crfbench.camera.FORMATS`; by default the content tells it, and the end of the file's name where the
+        content fits several or none.
 
     Returns
     -------
     Passport
-        What the format does not carry stays unknown.
+        What the format does not carry stays unknown; `note` says what had to be repaired.
     """
-    name = _format(path, format)
+    if format is not None:
+        check_choice("format", format, FORMATS)
     if not Path(path).is_file():
         raise MissingDataError(f"there is no file {path}; use one that holds a response")
     if Path(path).stat().st_size > _MOST_BYTES:
         raise FormatError(f"{path} has more than {_MOST_BYTES} bytes; a response has fewer")
+    data = Path(path).read_bytes()
+    fitting = [name for name, each in FORMATS.items() if each.sign.search(data[:_HEAD_BYTES])]
+    name = format or _by_ending(path, fitting) or next(iter(fitting), None) or _by_ending(path, FORMATS)
+    if name is None:
+        raise FormatError(f"{path} is no response in a format that is known; use one of {', '.join(FORMATS)}")
     try:
-        return decode(name, Path(path).read_bytes())
+        return decode(name, data)
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from None
 
@@ -494,12 +462,7 @@ def decode(name: str, data: bytes) -> Passport:
         raise FormatError(f"this is not a response in the format {name!r}: {error}") from None
 
 
-def _format(path: str | Path, name: str | None) -> str:
-    """Choose the format; of several whose suffix the file's name has, that of the longest."""
-    if name is not None:
-        return check_choice("format", name, FORMATS)
-    ends = {key: each.suffix for key, each in FORMATS.items()}
-    matching = [key for key, suffix in ends.items() if Path(path).name.lower().endswith(suffix)]
-    if not matching:
-        raise InputError(f"the name {path} tells no format; let it end in one of {', '.join(ends.values())}")
-    return max(matching, key=lambda key: len(ends[key]))
+def _by_ending(path: str | Path, names: Iterable[str]) -> str | None:
+    """Return that of some formats whose suffix, the longest such one, the file's name has."""
+    matching = [name for name in names if Path(path).name.lower().endswith(FORMATS[name].suffix)]
+    return max(matching, key=lambda name: len(FORMATS[name].suffix), default=None)

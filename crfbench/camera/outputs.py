@@ -67,16 +67,20 @@ def linearise_file(
     out: Path,
     overwrite: bool = False,
     *,
+    format: str | None = None,
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> Path:
     """Turn the brightness of an image file back into irradiance, write it as a linear image, and return its path.
 
-    `response` is a passport or any export of it; `out` ends in ``.exr`` or ``.tif`` (floats in units of full scale) or
-    ``.hdr``. `white_level` is by default that of the passport, else guessed; `say` as in `crfbench.camera.calibrate`.
+    `response` is a passport or a response of another program, of that `format`, else as its content tells; `out` ends
+    in ``.exr`` or ``.tif`` (floats in units of full scale) or ``.hdr``. `white_level` is by default that of the
+    passport, else guessed; `say` as in `crfbench.camera.calibrate`.
     """
-    passport = read_response(response)
+    passport = read_response(response, format)
     check_new(out, overwrite)
+    if passport.note:
+        say(f"{response}: {passport.note}")
     white_level = white_level or passport.white_level
     if white_level is None:
         white_level, notes = find_white_level([image])
@@ -195,7 +199,5 @@ def _picture(width: float, height: float, draw: Callable[["Axes"], object], kind
 
 
 def _file_name(name: str) -> str:
-    suffix: str = FORMATS[name].suffix
-    if name == "passport":
-        return f"passport{suffix}"
-    return f"response{suffix}" if suffix.startswith(".") else suffix
+    suffix = FORMATS[name].suffix
+    return f"{'passport' if name == 'passport' else 'response'}{suffix}" if suffix.startswith(".") else suffix

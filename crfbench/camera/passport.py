@@ -17,7 +17,7 @@ from crfbench.errors import InputError
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_TEXTS = ("camera", "model", "data_sha256", "version", "created")
+_TEXTS = ("camera", "model", "data_sha256", "version", "created", "note")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,6 +51,8 @@ class Passport:
         Of the crfbench that made it; by default this one.
     white_level : int, optional
         That counted as brightness 1 in images of 16 bits, where it was not 65535.
+    note : str
+        What was done to the curves of another program as they were read, such as the repair of small falls.
 
     Examples
     --------
@@ -73,6 +75,7 @@ class Passport:
     created: str = ""
     version: str = field(default_factory=lambda: version("crfbench"))
     white_level: int | None = None
+    note: str = ""
 
     def __post_init__(self) -> None:
         check_direction(self.direction)
