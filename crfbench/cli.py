@@ -137,7 +137,7 @@ def chart_free(
     """Calibration from exposure steps alone, beside OpenCV's Debevec and Robertson."""
     from crfbench.paper.calibration import chart_free_table
 
-    title = "RMSE against RAW of the other illumination, up to scale; four exposures of 24 unknown patches"
+    title = "RMSE against RAW of the other illumination, channel by channel, up to scale; four exposures of 24 patches"
     _print_tables({title: chart_free_table(method, discrepancy=not alone)}, as_json)
 
 

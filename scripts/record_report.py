@@ -13,7 +13,7 @@ import crfbench
 from crfbench.calibration import calibrate
 from crfbench.curves import GRID, Array, Direction, evaluate
 from crfbench.datasets import load_dorf, load_patches
-from crfbench.datasets.middlebury import THREE_GREYS, patch_arrays, patch_intensity
+from crfbench.datasets.middlebury import N_PATCHES, THREE_GREYS, patch_arrays, patch_intensity
 from crfbench.datasets.responses import near_copies
 from crfbench.history import History, latent_statistics
 from crfbench.metrics import rmse, total_variance
@@ -161,11 +161,12 @@ def _fit_figures(name: str, fits: pd.DataFrame) -> dict[str, float]:
 def _calibration_figures(model: ResponseModel) -> dict[str, float]:
     observations, jpeg, raw = chart_observations(patch_arrays(load_patches()))
     found: dict[str, float] = {}
-    for patches, seen in (("3", observations.take(np.array(THREE_GREYS) - 1)), ("24", observations)):
+    every = observations.take(np.arange(N_PATCHES))
+    for patches, seen in (("3", observations.take(np.array(THREE_GREYS) - 1)), ("24", every)):
         for column, allow in (("calibration", True), ("alone", False)):
             result = calibrate(model, seen, "map", discrepancy=allow)
             found[f"{column}_{patches}"] = float(camera_rmse(result, jpeg, raw).mean())
-    bands = calibrate(model, observations, "posterior")
+    bands = calibrate(model, every, "posterior")
     return {
         **found,
         "steepest_slope": steepest_slope(result.curves),

@@ -285,25 +285,25 @@ def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.
     Returns
     -------
     DataFrame
-        One row a model, then OpenCV's, with the columns `CHART_FREE_COLUMNS`. RMSE is against RAW of the other light
-        with the one scale that fits best, since exposures alone tell no scale; means over both illuminations of a
-        camera. ``below_...`` count the cameras with an RMSE at or below OpenCV's, one that failed counting as beaten;
-        ``monotone`` is the share of monotone curves, ``failed`` that of calibrations without a finite result.
+        One row a model, then OpenCV's, with the columns `CHART_FREE_COLUMNS`. RMSE is against the mean of RAW of the
+        other light: each channel is decoded, then they are averaged, with the one scale that fits best, since exposures
+        alone tell no scale; means over both illuminations of a camera. ``below_...`` count the cameras with an RMSE at
+        or below OpenCV's, one that failed counting as beaten; ``monotone`` is the share of monotone curves,
+        ``failed`` that of calibrations without a finite result.
         Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches
         as grey pixels, which serves it better than intensities do, and its results are interpolated between the levels
         that occur.
     """
     chart = patch_arrays(load_patches())
-    _, jpeg, raw = chart_observations(chart)
     found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method, discrepancy))) for name in ROWS]
     rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}
     found += [(f"OpenCV {name}", "opencv", *timed) for name, timed in rivals.items()]
-    theirs = {name: _camera_rmse(curves, jpeg, raw) for name, (curves, _) in rivals.items()}
+    theirs = {name: _camera_rmse(curves, chart) for name, (curves, _) in rivals.items()}
     rows = [
         {
             "model": name,
             "method": how,
-            **_beside_opencv(_camera_rmse(curves, jpeg, raw), theirs),
+            **_beside_opencv(_camera_rmse(curves, chart), theirs),
             **_validity(curves),
             "seconds": seconds,
         }
@@ -352,9 +352,9 @@ def _timed(run: Callable[[], Array]) -> tuple[Array, float]:
     return curves, time.perf_counter() - began
 
 
-def _camera_rmse(curves: Array, jpeg: Array, raw: Array) -> Array:
+def _camera_rmse(curves: Array, chart: PatchArrays) -> Array:
     """Return the RMSE of each camera, both illuminations averaged; NaN where both failed."""
-    both = rmse(_scaled(evaluate(curves, jpeg), raw), raw).reshape(-1, 2)
+    both = held_out_rmse(curves, chart, np.arange(len(curves)))[3].reshape(-1, _ILLUMINATIONS)
     known = np.isfinite(both)
     return np.where(known, both, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
 
