@@ -16,7 +16,7 @@ from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
-from crfbench.models.registry import channel_difference
+from crfbench.models.registry import ModelKey, channel_difference
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -66,7 +66,7 @@ class Calibration:
     bands: dict[float, tuple[Array, Array]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        model, warned = f"{self.model.name}({self.model.n_params})", sum(map(bool, self.warnings))
+        model, warned = ModelKey.of(self.model), sum(map(bool, self.warnings))
         return f"Calibration({model}, {self.method}, {len(self)} sets, {warned} with warnings)"
 
     def __len__(self) -> int:

@@ -104,7 +104,7 @@ class SLR(ResponseModel):
         """Turn latents (..., k) into curves (..., 1024).
 
         In float32 the arithmetic is single precision too, for dense tables, where speed counts: within 1e-5 of float64
-        for latents up to 30, farther than any table reaches, and finite for all.
+        for latents up to 5 and 1e-4 up to 10, farther than any table reaches, and finite for all.
         """
         latents = self._params(params)
         if np.dtype(dtype) != np.float32:
