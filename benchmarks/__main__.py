@@ -20,6 +20,7 @@ SUBJECTS = (
     "search",
     "calibration",
     "series",
+    "real_series",
     "linearise",
     "slider",
     "accuracy",

@@ -58,7 +58,7 @@ def test_each_channel_has_its_own_curve():
         np.rint(255 * (image / 255.0) ** np.array([1 / gamma for gamma in gammas])).astype(np.uint8)
         for image in series.images
     ]
-    found = calibrate_series(images, series.stops, load_model("PPISP-4"), per_channel=True)
+    found = calibrate_series(images, series.stops, load_model("PPISP-4"))
     assert found.curves.shape == (3, 1024)
     for curve, gamma in zip(found.curves, gammas, strict=True):
         assert scaled_rmse(curve, GRID ** (2.2 * gamma)) < 0.02
@@ -128,7 +128,7 @@ def test_band_adds_its_own_variance():
 
 def test_calibration_and_passports_merge_alike():
     series = render_series(GAMMA, 5, size=(60, 40))
-    found = calibrate_series(series.images, series.stops)
+    found = calibrate_series(series.images, series.stops, per_channel=False)
     curves, (low, high) = found.curves[0], (band[0] for band in found.bands[0.9])
     forward = invert(curves)
     for alike in (

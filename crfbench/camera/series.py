@@ -41,7 +41,7 @@ def calibrate_series(
     *,
     n: int = 256,
     seed: int = 0,
-    per_channel: bool = False,
+    per_channel: bool = True,
     exposure_error: float = 0.02,
 ) -> Calibration:
     """Find the inverse response of the camera that took a series.
@@ -62,8 +62,8 @@ def calibrate_series(
     Returns
     -------
     Calibration
-        One curve, or with `per_channel` one for each channel. Exposures alone tell no scale: where the data do not
-        reach, that the curve ends in (1, 1) is the model's word.
+        A curve for each channel, coupled, or without `per_channel` one for all. Exposures alone tell no scale: where
+        the data do not reach, that the curve ends in (1, 1) is the model's word.
     """
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
