@@ -146,7 +146,7 @@ def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: st
     try:
         calibration = calibrate_series(images, used.stops, model, per_channel=rgb, exposure_error=error)
     except InputError as problem:  # one channel may be too dark by itself
-        calibration = calibrate_series(images, used.stops, model, exposure_error=error)
+        calibration = calibrate_series(images, used.stops, model, per_channel=False, exposure_error=error)
         notes = [*notes, f"one curve stands for all channels, for by themselves {problem}"]
     passport = _passport(calibration, key, used, created)
     merged = merge_series(images, used.stops, calibration)
