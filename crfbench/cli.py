@@ -1,16 +1,15 @@
 """The command line: one command a verb, from ``data`` and ``fetch`` to ``calibrate`` and ``lab``."""
 
 import datetime
-import itertools
 import json
+import math
 import re
-import shutil
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -18,7 +17,7 @@ import crfbench
 from crfbench.errors import CrfbenchError, InputError
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, help="A workbench for camera response functions.")
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
@@ -40,6 +39,7 @@ FormatName = Annotated[
     str | None, typer.Option(help="Of the response, such as opencv or pcalib; default: as its content tells.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON rows instead of text.")]
+Wide = Annotated[bool, typer.Option("--wide", help="Print every column, whatever the width of the terminal.")]
 Alone = Annotated[bool, typer.Option("--alone", help="Models as they are, without a discrepancy for what they miss.")]
 
 
@@ -82,6 +82,7 @@ def fetch(
 def fitting(
     data: Annotated[str, typer.Option(help="auto, dorf or opencrf")] = "auto",
     direction: Annotated[str, typer.Option(help="forward, inverse or both")] = "both",
+    wide: Wide = False,
     as_json: AsJson = False,
 ) -> None:
     """Table 1: how well each model fits response curves, in sample and held out."""
@@ -89,16 +90,22 @@ def fitting(
     from crfbench.paper.fitting import DIRECTIONS, fitting_tables
 
     wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
-    _print_tables(fitting_tables(data, wanted), as_json)
+    _print_tables(
+        fitting_tables(data, wanted),
+        as_json,
+        wide or ("model", "split", "mean_rmse", "p95_rmse", "nonmonotone", "paper", "verdict"),
+    )
 
 
 @table_app.command()
-def latents(as_json: AsJson = False) -> None:
+def latents(wide: Wide = False, as_json: AsJson = False) -> None:
     """Latents of the bundled SLR models: how near each constraint brings them to N(0, 1)."""
     from crfbench.paper.results import latent_table
 
     title = "latents of the training curves, bundled models; best_...: with the best latent of each curve"
-    _print_tables({title: latent_table()}, as_json)
+    _print_tables(
+        {title: latent_table()}, as_json, wide or ("model", "mean", "sd", "kl", "ks", "best_rmse", "encoder_mse")
+    )
 
 
 @table_app.command()
@@ -107,38 +114,54 @@ def calibration(
     method: Annotated[str, typer.Option(help="map, posterior, lm or paper (minutes)")] = "map",
     channel: Annotated[str, typer.Option(help="intensity, r, g or b")] = "intensity",
     alone: Alone = False,
+    wide: Wide = False,
     as_json: AsJson = False,
 ) -> None:
     """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
     from crfbench.paper.calibration import calibration_table
 
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
-    _print_tables({title: calibration_table(patches, method, channel, discrepancy=not alone)}, as_json)
+    _print_tables(
+        {title: calibration_table(patches, method, channel, discrepancy=not alone)},
+        as_json,
+        wide
+        or ("model", "mean", "coverage" if method == "posterior" else "separate", "by_paper", "paper_mean", "verdict"),
+    )
 
 
 @table_app.command()
 def stability(
     camera: Annotated[str, typer.Option(help="Which camera to show by itself.")] = "CanonPowerShotG9",
     alone: Alone = False,
+    wide: Wide = False,
     as_json: AsJson = False,
 ) -> None:
     """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart."""
     from crfbench.paper.stability import DEFINITION, stability_table
 
-    _print_tables({DEFINITION: stability_table(camera, discrepancy=not alone)}, as_json)
+    _print_tables(
+        {DEFINITION: stability_table(camera, discrepancy=not alone)},
+        as_json,
+        wide or ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper"),
+    )
 
 
 @table_app.command("chart-free")
 def chart_free(
     method: Annotated[str, typer.Option(help="map or posterior")] = "posterior",
     alone: Alone = False,
+    wide: Wide = False,
     as_json: AsJson = False,
 ) -> None:
     """Calibration from exposure steps alone, beside OpenCV's Debevec and Robertson."""
     from crfbench.paper.calibration import chart_free_table
 
     title = "RMSE against RAW of the other illumination, channel by channel, up to scale; four exposures of 24 patches"
-    _print_tables({title: chart_free_table(method, discrepancy=not alone)}, as_json)
+    _print_tables(
+        {title: chart_free_table(method, discrepancy=not alone)},
+        as_json,
+        wide or ("model", "mean", "median", "below_debevec", "below_robertson", "monotone", "seconds"),
+    )
 
 
 @app.command()
@@ -314,29 +337,35 @@ def lab(
     open_lab(folder.resolve(), options)
 
 
-def _print_tables(tables: "Mapping[str, DataFrame]", as_json: bool) -> None:
-    """Print as text every table under its title, with what is the same in all rows; as JSON the rows of the first."""
+def _print_tables(
+    tables: "Mapping[str, DataFrame]", as_json: bool, columns: Literal[True] | Sequence[str] = True
+) -> None:
+    """Print as text every table under its title, with what is the same in all rows; as JSON the rows of the first.
+
+    As text with the given columns, True for all; those of which nothing is known are left out.
+    """
     from crfbench.paper.results import to_rows
 
     if as_json:
         typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
         return
-    width = shutil.get_terminal_size((sys.maxsize, 0)).columns
     for title, frame in tables.items():
-        same = [name for name in frame if len(frame) > 1 and frame[name].nunique(dropna=False) == 1]
-        told = [f"{name}: {frame[name].iloc[0]}" for name in same if frame[name].notna().all()]
-        text = _as_text(frame.drop(columns=same), width)
-        typer.echo("\n".join([*textwrap.wrap(title, min(100, width)), *told, text, ""]))
+        told = frame.dropna(axis=1, how="all")
+        shown = told if columns is True else told[[name for name in columns if name in told]]
+        same = [name for name in shown if len(shown) > 1 and shown[name].nunique(dropna=False) == 1]
+        lines = [f"{name}: {shown[name].iloc[0]}" for name in same]
+        text = shown.drop(columns=same).apply(_aligned).to_string(index=False)
+        typer.echo("\n".join([*textwrap.wrap(title, 80), *lines, text, ""]))
 
 
-def _as_text(frame: "DataFrame", width: int) -> str:
-    """Write a table; where it is wider than the terminal as several, each with the columns that name the rows."""
-    style: dict[str, Any] = {"na_rep": "-", "float_format": "{:.3g}".format}
-    whole = frame.to_string(index=False, **style)
-    if whole.index("\n") <= width:
-        return whole
-    names = itertools.takewhile(lambda column: frame[column].dtype.kind != "f", frame)
-    return frame.set_index(list(names)).to_string(sparsify=False, line_width=width, **style)
+def _aligned(column: "Series[Any]") -> "Series[Any]":
+    """Write the numbers of a column with as many digits after the point as give the largest three."""
+    if column.dtype.kind != "f" or not column.any():
+        return column
+    sizes = column.abs()[column != 0].dropna()
+    digits = max(0, 2 - math.floor(math.log10(sizes.max())))
+    written = "{:.2g}" if sizes.max() > 1000 * sizes.min() else f"{{:.{digits}f}}"
+    return column.map(written.format).where(column.notna(), "-")
 
 
 # Help lists first what is used on one's own camera.

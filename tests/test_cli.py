@@ -53,22 +53,29 @@ def test_without_dorf_the_recorded_table_stands_beside(recorded_fits):
     assert done.stdout.count("reproduced") >= 4
 
 
-@pytest.mark.parametrize("width", [20, 80])
-def test_in_a_narrow_terminal_every_part_of_a_table_names_its_rows(monkeypatch, width):
-    wide, narrow = [], []
-    for lines, columns in ((wide, 500), (narrow, width)):
-        monkeypatch.setenv("COLUMNS", str(columns))
-        lines.extend(run_command("table", "latents").stdout.splitlines())
-    whole = next(line.split() for line in wide if "encoder_mse" in line and "model" in line)
-    names = whole[: whole.index("mean")]  # the columns of text, which name a row
-    heads = [line.split() for line in narrow if line.split() and set(line.split()) <= {*whole[len(names) :], "\\"}]
-    assert [name for head in heads for name in head if name != "\\"] == whole[len(names) :]
-    assert sum(line.split() == names for line in narrow) == len(heads) > 1
-    rows = [line.split() for line in wide if line.startswith("SLR-ldl-1 ") or " SLR-ldl-1 " in line]
-    row = rows[0]
-    parts = [line.split() for line in narrow if line.split()[: len(names)] == row[: len(names)]]
-    assert [value for part in parts for value in part[len(names) :]] == row[len(names) :]
-    assert width < 80 or max(map(len, narrow)) <= width
+@pytest.mark.parametrize("which", [("latents",), ("fitting", "--data", "opencrf")])
+def test_a_table_fits_80_columns_and_wide_has_them_all(which):
+    short, whole = (run_command("table", *which, *more).stdout.splitlines() for more in ((), ("--wide",)))
+    assert max(map(len, short)) <= 80
+    names, every = (next(line.split() for line in lines if "model" in line.split()) for lines in (short, whole))
+    assert names[0] == "model"
+    assert set(names) < set(every)
+    row, full = (next(line.split() for line in lines if "SLR-ldl-1-forward" in line) for lines in (short, whole))
+    assert len(row) == len(names)
+    assert len(full) == len(every)
+
+
+def test_numbers_of_a_column_are_aligned_and_none_is_lost(capsys):
+    import pandas as pd
+
+    from crfbench.cli import _print_tables
+
+    table = pd.DataFrame({"model": list("abc"), "like": [0.25, 0.5, None], "far": [1e-7, 1.0, 0.0], "zero": [0.0] * 3})
+    _print_tables({"title": table}, as_json=False, columns=("model", "like", "far"))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines[1:5]] == [
+        ["model", "like", "far"], ["a", "0.250", "1e-07"], ["b", "0.500", "1"], ["c", "-", "0"],
+    ]  # fmt: skip
 
 
 def test_data_lists_every_set():

@@ -19,7 +19,7 @@ from crfbench.paper.printed import STABILITY
 from crfbench.paper.verdicts import verdict
 
 COLUMNS = (
-    "model", "method", "camera", "subsets", "total_variance", "median", "expected_rmse", "expected_rmse_scaled",
+    "model", "method", "camera", "subsets", "total_variance", "median", "rmse", "rmse_scaled",
     "paper", "verdict",
 )  # fmt: skip
 SIZES = (3, 6, 12, 24)
@@ -62,7 +62,7 @@ def stability_table(
     DataFrame
         With the columns of `COLUMNS`, for each model and the methods "paper", "map" and "posterior": ``camera`` is its
         name or "all", the mean over all; ``subsets`` is "stated" or "<n> triples"; ``total_variance`` is the mean and
-        ``median`` the median over cameras and lights. See `DEFINITION`; ``expected_rmse`` and the same up to scale are
+        ``median`` the median over cameras and lights. See `DEFINITION`; ``rmse`` and the same up to scale are
         those of triples. The paper's method is run for the one camera only.
     """
     chart = patch_arrays(load_patches())
@@ -87,7 +87,7 @@ def stability_table(
             apart = [total_variance(curves[turns == one]) for one in np.unique(turns)]
             far = held_out_rmse(curves, chart, turns).mean(axis=1)
             row = _row(name, method, ("all", f"{triples} triples"), apart)
-            found.append(row | {"expected_rmse": far[0], "expected_rmse_scaled": far[1]})
+            found.append(row | {"rmse": far[0], "rmse_scaled": far[1]})
     return pd.DataFrame(found, columns=list(COLUMNS))
 
 
