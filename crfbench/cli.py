@@ -197,6 +197,7 @@ def calibrate(
     channels: Annotated[
         str, typer.Option(help="Without a chart: rgb, a curve a channel, or shared, one for all.")
     ] = "rgb",
+    align: Annotated[str, typer.Option(help="Without a chart: auto, as from the hand, or none.")] = "auto",
     white_level: Annotated[int | None, typer.Option(help="Of 16-bit images, such as 4095; default: a guess.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
@@ -211,6 +212,7 @@ def calibrate(
         _current_name(model),
         datetime.date.today().isoformat(),
         channels=channels,
+        align=align,
         white_level=white_level,
         say=partial(typer.echo, err=True),
     )

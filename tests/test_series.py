@@ -12,7 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from crfbench.camera import Passport, calibrate_series, merge_series, read_series, render_series, write_hdr
+from crfbench.camera import (
+    Passport,
+    align_series,
+    calibrate_series,
+    merge_series,
+    read_series,
+    render_series,
+    write_hdr,
+)
 from crfbench.camera.series import black_floor, sample_series
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
@@ -49,6 +57,43 @@ def test_a_model_recovers_its_own_curves(latent, method):
     series = render_series(invert(truth), 1, size=SIZE)
     found = calibrate_series(series.images, series.stops, model, method)
     assert scaled_rmse(found.curves[0], truth) < 0.01
+
+
+def test_photographs_from_the_hand_are_laid_over_each_other():
+    response = load_opencrf().curves[40]
+    series = render_series(response, 4, size=(480, 320))
+    off = np.array([[9, -4], [-7, 11], [0, 0], [3, 12], [-12, -6]])
+    shaken = [np.roll(image, (y, x), (0, 1)) for image, (x, y) in zip(series.images, off, strict=True)]
+    images, shifts = align_series(shaken, series.stops)
+    assert np.array_equal(shifts - shifts[2], off - off[2])
+    inside = np.s_[24:-24, 24:-24]
+    x, y = -shifts[2].astype(int)  # where the middle one itself ended
+    for image, still in zip(images, series.images, strict=True):
+        assert np.array_equal(np.roll(image, (-y, -x), (0, 1))[inside], still[inside])
+    before, after = (
+        scaled_rmse(calibrate_series(each, series.stops).curves[1], invert(response)) for each in (shaken, images)
+    )
+    assert after < 0.01 < before
+
+
+def test_still_photographs_and_those_of_other_scenes_are_not_shifted():
+    one, other = (render_series(GAMMA, seed, size=SIZE) for seed in (1, 2))
+    assert not align_series(one.images, one.stops)[1].any()
+    assert not align_series([one.images[0], other.images[1]], [0, 1])[1].any()
+
+
+def test_what_moves_is_left_out_and_told():
+    response = load_opencrf().curves[0]
+    series = render_series(response, 0, size=(480, 320))
+    moving = [
+        cv2.circle(image.copy(), (60 + 70 * i, 160), 50, (40 * i + 30, 200 - 30 * i, 120), -1)
+        for i, image in enumerate(series.images)
+    ]
+    found = calibrate_series(moving, series.stops)
+    assert all(scaled_rmse(curve, invert(response)) < 0.01 for curve in found.curves)
+    assert all("do not follow the exposures" in "; ".join(told) for told in found.warnings)
+    still = calibrate_series(series.images, series.stops)
+    assert not any("do not follow" in text for told in still.warnings for text in told)
 
 
 def test_each_channel_has_its_own_curve():

@@ -5,6 +5,7 @@
 >>> paths = list(camera.write_outputs(result, "calibrated"))  # doctest: +SKIP
 """
 
+from crfbench.camera.aligning import align_series
 from crfbench.camera.calibrate import CameraCalibration, calibrate
 from crfbench.camera.formats import FORMATS, read_response, write_response
 from crfbench.camera.measuring import chart_table
@@ -22,6 +23,7 @@ __all__ = [
     "FORMATS",
     "CameraCalibration",
     "Passport",
+    "align_series",
     "calibrate",
     "calibrate_series",
     "chart_table",

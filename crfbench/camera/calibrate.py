@@ -10,13 +10,14 @@ import numpy as np
 
 from crfbench.calibration import Calibration
 from crfbench.calibration import calibrate as calibrate_observations
+from crfbench.camera.aligning import align_series
 from crfbench.camera.measuring import MeasuredChart, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.series import calibrate_series
 from crfbench.checks import check_choice, check_count
-from crfbench.curves import repair
+from crfbench.curves import Array, repair
 from crfbench.datasets.chart import load_labels
 from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ModelKey
@@ -59,6 +60,7 @@ def calibrate(
     created: str = "",
     *,
     channels: str = "rgb",
+    align: str = "auto",
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> CameraCalibration:
@@ -72,7 +74,7 @@ def calibrate(
         A folder or files: JPEG (or PNG, TIFF), and with a chart best a RAW file of the same name beside each.
     chart : "auto", "none" or path
         The chart is sought in every photograph, or marked by hand in a file of labels (`crfbench.camera.load_labels`)
-        and sought where that has none. "none": an exposure series of aligned photographs without a chart.
+        and sought where that has none. "none": an exposure series of one scene without a chart.
     exposures : sequence, path or "names", optional
         Exposure times of the photographs in any unit, in the order given, or in natural order of a folder: numbers,
         fractions such as "1/60", a file of them or those in the names, as `plan_photographs` takes them; default by
@@ -83,6 +85,8 @@ def calibrate(
         ISO date for the passport.
     channels : {"rgb", "shared"}
         Without a chart: a curve for each channel, which differ as far as the data tell, or one for all.
+    align : {"auto", "none"}
+        Without a chart: whether photographs from the hand are laid over each other (`align_series`).
     white_level : int, optional
         Of images of 16 bits a value, such as 4095; by default guessed from their greatest level (`find_white_level`).
     say : callable, optional
@@ -97,6 +101,7 @@ def calibrate(
     if missing := [path for path in given if not path.exists()]:
         raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
     check_choice("channels", channels, ("rgb", "shared"))
+    check_choice("align", align, ("auto", "none"))
     if white_level is not None:
         check_count("white_level", white_level, 255, 65535)
     key = _inverse_model(model)
@@ -104,7 +109,11 @@ def calibrate(
     for text in (plan.table(), *plan.notes) if plan.pairs else ():
         say(text)
     if chart == "none":
-        return _from_series(plan, _NOMINAL if exposures is None else _EXACT, key, channels == "rgb", created)
+        error = _NOMINAL if exposures is None else _EXACT
+        result = _from_series(plan, error, key, channels == "rgb", align == "auto", created)
+        for text in result.notes[len(plan.notes) :]:
+            say(text)
+        return result
     return _from_chart(plan, None if chart == "auto" else Path(chart), exposures is not None, key, created)
 
 
@@ -134,7 +143,7 @@ def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, cre
     return CameraCalibration(passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes)
 
 
-def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: str) -> CameraCalibration:
+def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, align: bool, created: str) -> CameraCalibration:
     model = key.load()
     images, used = read_planned(plan)
     if len(images) < 2:
@@ -143,6 +152,9 @@ def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: st
             f"{len(images)} photographs of a series are left{left} ({_reasons(used.problems)}); use two or more"
         )
     notes = plan.notes
+    if align:
+        images, shifts = align_series(images, used.stops)
+        notes = [*notes, *_shifted(shifts, [pair.name for pair in used.pairs])]
     try:
         calibration = calibrate_series(images, used.stops, model, per_channel=rgb, exposure_error=error)
     except InputError as problem:  # one channel may be too dark by itself
@@ -152,6 +164,12 @@ def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: st
     merged = merge_series(images, used.stops, calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
+
+
+def _shifted(shifts: Array, names: list[str]) -> list[str]:
+    """Name the photographs that were shifted, and by how much."""
+    moved = [f"{name} by {x:+.0f}, {y:+.0f}" for name, (x, y) in zip(names, -shifts, strict=True) if x or y]
+    return [f"shifted to lie over the others, in pixels: {', '.join(moved)}"] if moved else []
 
 
 def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:

@@ -5,6 +5,7 @@ What a series is calibrated from are small flat blocks of the photographs that c
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,9 @@ _READING, _FINE = 0.005, 0.1
 # Of the black floor: pixels that are looked at, stops to the next longer exposure, levels of 255 that may be floor and
 # that have risen so far that they say nothing, share of the pixels that three levels need.
 _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200, 0.0007
+# Of what moved: rounds of leaving out; off by at least this much of log irradiance, more below a brightness, and so
+# many times what is usual; above the darkest, which may be a floor; the share of the blocks that is not worth a round.
+_ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW = 5, 0.35, 0.3, 6.0, 0.03, 0.01
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
 
 
@@ -68,13 +72,36 @@ def calibrate_series(
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
-    found = calibrate(model, _weighted(observations), method, channels=channels, noise=noise, seed=seed)
+    fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed)
+    still = np.ones(observations.brightness.shape, dtype=bool)
+    for _ in range(_ROUNDS):
+        found = fit(_weighted(observations, still), method)
+        moved = _moved(found) & still
+        if moved.any(axis=1).mean() < _FEW:
+            break
+        still &= ~moved
     floor = black_floor(images, exposures, found.curves)
-    if not floor.any():
-        return found
-    light = observations.brightness > floor[:, None, None]
-    found = calibrate(model, _weighted(observations, light), method, channels=channels, noise=noise, seed=seed)
-    return _above_floor(found, floor)
+    if floor.any():
+        light = still & (observations.brightness > floor[:, None, None])
+        found = _above_floor(fit(_weighted(observations, light), method), floor)
+    return _without_moved(found, observations, still)
+
+
+def _moved(found: Calibration) -> NDArray[np.bool_]:
+    """Say which blocks are far off the rest in a photograph, shape (n, 1, p): where something moves, they are."""
+    residuals = np.ma.array(found.residuals, mask=~found.observations.counts)
+    off = np.abs(residuals - np.ma.median(residuals, axis=2)[..., None])
+    usual = np.ma.median(off.reshape(len(off), -1), axis=1)[:, None, None]
+    seen = np.ma.array(found.observations.brightness, mask=residuals.mask)
+    far = (off > np.maximum(_OFF * np.maximum(1.0, _BRIGHT / seen), _FAR * usual)) & (seen > _ABOVE + seen.min())
+    return np.asarray(far.filled(False).any(axis=1, keepdims=True))
+
+
+def _without_moved(found: Calibration, observations: Observations, still: NDArray[np.bool_]) -> Calibration:
+    """Tell how much was left out of each set, where that is more than a little."""
+    share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
+    text = "{:.0%} of the blocks do not follow the exposures, as where something moves; they are left out"
+    return _told(found, [text.format(each) if each > _FEW else "" for each in share])
 
 
 def black_floor(images: Sequence[ArrayLike], exposures: ArrayLike, curves: Array) -> Array:
@@ -119,9 +146,14 @@ def _above_floor(found: Calibration, floor: Array) -> Calibration:
     below = floor[:, None] > GRID
     bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
     text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
-    told = ((text.format(edge),) if edge > 0 else () for edge in floor)
-    warnings = tuple((*old, *new) for old, new in zip(found.warnings, told, strict=True))
-    return replace(found, curves=np.where(below, 0.0, found.curves), bands=bands, warnings=warnings)
+    found = replace(found, curves=np.where(below, 0.0, found.curves), bands=bands)
+    return _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
+
+
+def _told(found: Calibration, sentences: Sequence[str]) -> Calibration:
+    """Add a warning to each set; an empty one is none."""
+    pairs = zip(found.warnings, sentences, strict=True)
+    return replace(found, warnings=tuple((*old, text) if text else old for old, text in pairs))
 
 
 def _weighted(observations: Observations, light: NDArray[np.bool_] | bool = True) -> Observations:
