@@ -246,6 +246,9 @@ def test_a_mirrored_chart_is_refused(scene):
         orient(image_of(scene)[:, ::-1], np.array([[1.0, 0.0]]) + scene.corners[[1, 0, 3, 2]] * [-1, 1])
     with pytest.raises(InputError, match="no chart"):
         find_chart(image_of(scene)[:, ::-1])
+    for flipped in (image_of(scene)[::-1], np.rot90(image_of(scene))[::-1]):
+        with pytest.raises(InputError, match="the nearest is mirrored"):
+            find_chart(flipped)
 
 
 def test_a_grey_row_that_rises_is_refused():
@@ -484,7 +487,7 @@ def photographs(tmp_path_factory):
 def test_table(photographs):
     _, pairs = photographs
     frame, measured, problems = chart_table(pairs)
-    assert [(problem.path.name, problem.reason[:8]) for problem in problems] == [("empty.jpg", "no chart")]
+    assert [problem.reason[:27] for problem in problems] == ["empty.jpg: no chart of 24 p"]
     assert list(measured) == ["e 1", "e 2"]
     assert frame["patch"].tolist() == [*range(1, 25)] * 2
     assert frame["photograph"].tolist() == ["e 1"] * 24 + ["e 2"] * 24

@@ -196,7 +196,7 @@ def _stretched(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _candidates(image: NDArray[np.uint8]) -> Iterator[Array]:
-    """Yield the corners of the patches of all that may be a chart, as fractions of the image."""
+    """Yield the corners of the patches of all that may be a chart, clockwise, as fractions of the image."""
     import cv2
 
     detector = cv2.mcc.CCheckerDetector.create()
@@ -210,7 +210,9 @@ def _candidates(image: NDArray[np.uint8]) -> Iterator[Array]:
     frame = (SIZE + 2 * _MARGIN) * UNIT - _MARGIN
     for checker in detector.getListColorChecker():
         box = homography(frame, np.array(checker.getBox()))
-        yield (project(box, SIZE * UNIT) + 0.5) / image.shape[1::-1]
+        corners = (project(box, SIZE * UNIT) + 0.5) / image.shape[1::-1]
+        x, y = corners.T
+        yield corners if x @ np.roll(y, -1) > y @ np.roll(x, -1) else corners[::-1]  # it may see one in a mirror
 
 
 def _trimmed_means(pixels: Array) -> Array:
