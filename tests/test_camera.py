@@ -88,7 +88,7 @@ def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
 
 
 def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
-    with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller"):
+    with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller, or .* --chart none"):
         camera.calibrate(tmp_path)
     with pytest.raises(InputError, match=r"there is no .*nowhere"):
         camera.calibrate(tmp_path / "nowhere")

@@ -3,6 +3,7 @@
 import json
 import unicodedata
 import zlib
+from contextlib import nullcontext
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
-from crfbench.camera import reading
+from crfbench.camera import measuring, reading
 from crfbench.camera.measuring import (
     chart_confidence,
     chart_table,
@@ -24,7 +25,7 @@ from crfbench.camera.measuring import (
 from crfbench.camera.photographs import Pair, exposure_steps, pair_photographs
 from crfbench.camera.reading import Exif, read_exif, read_image, read_levels, read_raw
 from crfbench.curves import GRID, evaluate
-from crfbench.datasets import load_opencrf, load_patches
+from crfbench.datasets import load_opencrf, load_patches, registry
 from crfbench.datasets.chart import load_labels, save_labels
 from crfbench.datasets.middlebury import patch_intensity
 from crfbench.errors import FormatError, InputError
@@ -246,6 +247,89 @@ def test_a_mirrored_chart_is_refused(scene):
         orient(image_of(scene)[:, ::-1], np.array([[1.0, 0.0]]) + scene.corners[[1, 0, 3, 2]] * [-1, 1])
     with pytest.raises(InputError, match="no chart"):
         find_chart(image_of(scene)[:, ::-1])
+    for flipped in (image_of(scene)[::-1], np.rot90(image_of(scene))[::-1]):
+        with pytest.raises(InputError, match="the nearest is mirrored"):
+            find_chart(flipped)
+
+
+def test_a_small_chart_is_found_at_full_size(monkeypatch):
+    small = render_chart(GAMMA, 1, size=(330, 240))
+    picture = np.full((2250, 3000, 3), 0.35, np.float32)
+    picture[900:1140, 1800:2130] = image_of(small)
+    place = (small.corners * (330, 240) + (1800, 900)) / (3000, 2250)
+    corners, confidence = find_chart(picture)
+    assert confidence > 0.95
+    np.testing.assert_allclose(corners, place, atol=0.008)
+    monkeypatch.setattr(measuring, "_LONGEST_SIDES", (1000,))
+    with pytest.raises(InputError, match="no chart"):
+        find_chart(picture)
+
+
+def glare(image):
+    """Add a reflection that fades from the left edge to the right."""
+    veil = np.linspace(0.8, 0.0, image.shape[1])[:, None]
+    return image + (1 - image) * veil
+
+
+def overexposed(image):
+    """Mix the channels, and lift the greys' brighter half to white."""
+    return np.clip(1.6 * (0.35 * image + 0.65 * image @ np.outer((0.3, 0.6, 0.1), np.ones(3))), 0, 1)
+
+
+def unbalanced(image):
+    """Let next to no blue through, and as much of green into it."""
+    return image @ np.array([(0.5, 0.15, 0.02), (0.2, 0.6, 0.06), (0, 0.02, 0.05)])
+
+
+@pytest.mark.parametrize("change", [glare, overexposed, unbalanced])
+def test_charts_whose_colours_are_out_of_order_are_found(change):
+    scene = render_chart(GAMMA, 3, exposure=0.6)
+    corners, confidence = find_chart(np.rint(255 * change(image_of(scene))) / 255)
+    assert confidence < 0.8
+    np.testing.assert_allclose(corners, scene.corners, atol=0.01)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("colour", [(0.3, 0.5, 0.1), (0.9, 0.7, 0.6), (0.1, 0.1, 0.1)], ids=["leaf", "hand", "shadow"])
+def test_a_chart_of_which_something_hides_a_part_is_refused(scene, seed, colour):
+    place = np.random.default_rng(seed).integers(0, (4, 3))
+    unit = np.array([(0, 0), (3, 0), (3, 2), (0, 2)]) + place
+    grid = cv2.getPerspectiveTransform(
+        np.float32([(0, 0), (6, 0), (6, 4), (0, 4)]), np.float32(scene.corners * (640, 480))
+    )
+    hidden = cv2.perspectiveTransform(np.float32([unit]), grid)
+    image = cv2.fillPoly(image_of(scene).copy(), [np.int32(hidden[0])], colour)
+    for use in (lambda: find_chart(image), lambda: orient(image, scene.corners)):
+        with pytest.raises(InputError, match=r"hides a part|grey row does not fall"):
+            use()
+
+
+def test_a_chart_that_is_cut_off_is_refused(scene):
+    left = scene.corners[:, 0].min() * 640
+    with pytest.raises(InputError, match="no chart"):
+        find_chart(image_of(scene)[:, int(left) + 90 :])
+
+
+def test_a_grid_beside_the_patches_is_refused(scene):
+    across = scene.corners[1] - scene.corners[0]
+    with pytest.raises(InputError, match=r"patches of the nearest are not even|other colours"):
+        orient(image_of(scene), scene.corners + across / 12)
+
+
+REAL = {
+    **dict.fromkeys(("charts/c03.jpg", "charts/c07.jpg", "charts/c21.jpg"), ""),
+    **dict.fromkeys(("cases/overexposed_chart.png", "cases/unbalanced_chart.jpg", "cases/small_chart.jpg"), ""),
+    **dict.fromkeys(("charts/c23.png", "charts/c24.jpg", "charts/c26.jpg"), "a part of the nearest lies outside"),
+    **dict.fromkeys(("charts/c17.jpg", "charts/c20.png"), "hides a part"),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_photographs_of_whole_charts_and_of_parts(name):
+    if not (path := registry.find(name)):
+        pytest.skip("the real photographs are absent: set CRFBENCH_DATA to the folder that holds charts and cases")
+    with pytest.raises(InputError, match=REAL[name]) if REAL[name] else nullcontext():
+        assert find_chart(read_image(path))[1] > 0.5
 
 
 def test_a_grey_row_that_rises_is_refused():
@@ -484,7 +568,7 @@ def photographs(tmp_path_factory):
 def test_table(photographs):
     _, pairs = photographs
     frame, measured, problems = chart_table(pairs)
-    assert [(problem.path.name, problem.reason[:8]) for problem in problems] == [("empty.jpg", "no chart")]
+    assert [problem.reason[:27] for problem in problems] == ["empty.jpg: no chart of 24 p"]
     assert list(measured) == ["e 1", "e 2"]
     assert frame["patch"].tolist() == [*range(1, 25)] * 2
     assert frame["photograph"].tolist() == ["e 1"] * 24 + ["e 2"] * 24
@@ -505,6 +589,28 @@ def test_jpeg_patches_follow_the_response_to_raw_patches(photographs):
     error = np.abs(evaluate(GAMMA, raw[kept].ravel()) - jpeg[kept].ravel())
     assert error.mean() < 1 / 255
     assert error.max() < 5 / 255
+
+
+def test_a_chart_is_tried_where_the_surest_lies(tmp_path):
+    """Blur hides the gaps from the detector, not the patches; where there is no chart, none is taken."""
+    scene = render_chart(GAMMA, 1)
+    blurred = cv2.GaussianBlur(scene.jpeg, (0, 0), 10)
+    images = {"a.png": blurred, "b.png": scene.jpeg, "c.png": render_chart(GAMMA, 5, turn=120).jpeg[::-1]}
+    for name, image in images.items():
+        cv2.imwrite(str(tmp_path / name), image[..., ::-1])
+    with pytest.raises(InputError, match="no chart"):
+        find_chart((blurred / 255).astype(np.float32))
+    _, measured, problems = chart_table(pair_photographs(tmp_path)[0])
+    assert list(measured) == ["a", "b"]
+    np.testing.assert_array_equal(measured["a"].corners, measured["b"].corners)
+    assert np.abs(measured["a"].jpeg.means - measured["b"].jpeg.means).max() < 0.05
+    assert [problem.reason for problem in problems] == [
+        "c.png: no chart of 24 patches was found in the photograph (the nearest is mirrored); "
+        "label its four corners by hand"
+    ]
+    (tmp_path / "b.png").unlink()
+    labelled = chart_table(pair_photographs(tmp_path)[0], {"a": scene.corners})[1]
+    assert list(labelled) == ["a"]
 
 
 def test_labels_take_the_place_of_finding(photographs):

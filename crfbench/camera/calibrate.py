@@ -132,7 +132,7 @@ def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, cre
     if patches.empty:
         raise InputError(
             f"no photograph with a chart is left ({_reasons(used.problems)}); "
-            "mark the corners with ChartLabeller, or use other files"
+            "mark the corners with crfbench.widgets.ChartLabeller, or take a series of any scene and --chart none"
         )
     if timed and all(pair.raw for pair in used.pairs):
         raise InputError("exposures are given, but RAW files tell them better; leave out one of the two")
