@@ -13,7 +13,7 @@ from crfbench.lazy import found_when_used
 
 if TYPE_CHECKING:
     from crfbench import camera, paper, plots, widgets
-    from crfbench.calibration import Observations, calibrate, learn_discrepancy
+    from crfbench.calibration import Observations, calibrate, calibrate_colour, learn_discrepancy
     from crfbench.camera.passport import linearise
     from crfbench.curves import invert
     from crfbench.datasets import load_patches, load_responses
@@ -29,7 +29,7 @@ __version__ = "0.1.0"
 __getattr__ = found_when_used(
     __name__,
     {
-        "calibration": "Observations calibrate learn_discrepancy",
+        "calibration": "Observations calibrate calibrate_colour learn_discrepancy",
         "camera.passport": "linearise",
         "curves": "invert",
         "datasets": "load_patches load_responses",
@@ -53,6 +53,7 @@ __all__ = [
     "Polynomial",
     "SearchSpace",
     "calibrate",
+    "calibrate_colour",
     "camera",
     "fetch",
     "invert",

@@ -98,11 +98,11 @@ def to_light(raw: Array, matrix: Array, soft: ArrayLike) -> Array:
 
 def to_raw(light: Array, matrix: Array, soft: ArrayLike) -> Array:
     """Undo `to_light`; colours far outside the gamut come back only as far as rounded light tells them."""
-    share = np.asarray(soft)[..., None, None]
+    share = np.asarray(soft, light.dtype)[..., None, None]
     # The greatest channel was drawn in by itself, so that its ratio is known.
     edge = 4 * share * light.max(axis=-1, keepdims=True) / (1 + np.sqrt(1 + 4 * share**2))
     mixed = light - edge**2 / (4 * np.maximum(light, np.maximum(edge / 10, 1e-12)))
-    return np.maximum(mixed @ np.swapaxes(np.linalg.inv(matrix), -1, -2), 0.0)
+    return np.maximum(mixed @ np.swapaxes(np.linalg.inv(matrix).astype(light.dtype), -1, -2), 0.0)
 
 
 def _drawn(mixed: Array, soft: ArrayLike) -> tuple[Array, Array]:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crfbench.calibration import Calibration
+from crfbench.calibration import Calibration, ColourCalibration, calibrate_colour
 from crfbench.calibration import calibrate as calibrate_observations
-from crfbench.camera.measuring import MeasuredChart, chart_table, observe_chart
+from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
@@ -41,6 +41,7 @@ class CameraCalibration:
     measured: dict[str, MeasuredChart] = field(default_factory=dict)  # where the chart lies in each photograph
     merged: Merged | None = None  # the linear image that an exposure series gives
     notes: list[str] = field(default_factory=list)  # what was assumed of the files, in sentences
+    colour: ColourCalibration | None = None  # where RAW files told the channels
 
     @property
     def warnings(self) -> list[str]:
@@ -48,7 +49,9 @@ class CameraCalibration:
         three = len(self.passport.curves) == 3
         pairs = zip(self.passport.channels, self.calibration.warnings, strict=True)
         said = [f"{name}: {text}" if three else text for name, texts in pairs for text in texts]
-        return [*said, *_contradictions(self.calibration, list(self.photographs))]
+        mixed = "the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"
+        diagonal = [mixed] if self.passport.told is False else []
+        return [*said, *diagonal, *_contradictions(self.calibration, list(self.photographs))]
 
 
 def calibrate(
@@ -82,7 +85,8 @@ def calibrate(
     created : str
         ISO date for the passport.
     channels : {"rgb", "shared"}
-        Without a chart: a curve for each channel, which differ as far as the data tell, or one for all.
+        A curve for each channel, which differ as far as the data tell, or one for all. Of a chart with its RAW files
+        "rgb" also tells the colour matrix; of one without them there is one curve, of intensity.
     white_level : int, optional
         Of images of 16 bits a value, such as 4095; by default guessed from their greatest level (`find_white_level`).
     say : callable, optional
@@ -105,7 +109,8 @@ def calibrate(
         say(text)
     if chart == "none":
         return _from_series(plan, _NOMINAL if exposures is None else _EXACT, key, channels == "rgb", created)
-    return _from_chart(plan, None if chart == "auto" else Path(chart), exposures is not None, key, created)
+    labels, timed = None if chart == "auto" else Path(chart), exposures is not None
+    return _from_chart(plan, labels, timed, key, channels == "rgb", created)
 
 
 def _inverse_model(name: str) -> ModelKey:
@@ -116,7 +121,9 @@ def _inverse_model(name: str) -> ModelKey:
     return key
 
 
-def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, created: str) -> CameraCalibration:
+def _from_chart(
+    plan: Plan, labels: Path | None, timed: bool, key: ModelKey, rgb: bool, created: str
+) -> CameraCalibration:
     model = key.load()
     patches, measured, unmeasured = chart_table(plan.pairs, load_labels(labels) if labels else None, plan.white_level)
     used = plan.without(unmeasured)
@@ -125,13 +132,18 @@ def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, cre
             f"no photograph with a chart is left ({_reasons(used.problems)}); "
             "mark the corners with ChartLabeller, or use other files"
         )
-    if timed and all(pair.raw for pair in used.pairs):
+    with_raw = all(pair.raw for pair in used.pairs)
+    if timed and with_raw:
         raise InputError("exposures are given, but RAW files tell them better; leave out one of the two")
-    observations = observe_chart(patches, used.stops)
-    calibration = calibrate_observations(model, observations, "posterior")
-    passport = _passport(calibration, key, used, created)
-    photographs = {pair.name: pair.jpeg for pair in used.pairs}
-    return CameraCalibration(passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes)
+    colour = calibrate_colour(*chart_pairs(patches), model=model) if rgb and with_raw else None
+    if colour is None:
+        calibration = calibrate_observations(model, observe_chart(patches, used.stops), "posterior")
+    else:
+        calibration = colour.calibration
+    passport, photographs = _passport(calibration, key, used, created, colour), {p.name: p.jpeg for p in used.pairs}
+    return CameraCalibration(
+        passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes, colour=colour
+    )
 
 
 def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: str) -> CameraCalibration:
@@ -168,7 +180,9 @@ def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
     ]
 
 
-def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str) -> Passport:
+def _passport(
+    calibration: Calibration, key: ModelKey, used: Plan, created: str, colour: ColourCalibration | None = None
+) -> Passport:
     """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files."""
     exif = next((exif for exif in used.exifs if exif.model), used.exifs[0])
     files = [path for pair in used.pairs for path in (pair.jpeg, pair.raw) if path is not None]
@@ -190,6 +204,7 @@ def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str)
         valid_range=(float(darkest), float(brightest)),
         created=created,
         white_level=used.white_level,
+        **({} if colour is None else {"matrix": colour.matrix[0], "soft": colour.soft[0], "told": colour.told[0]}),
     )
 
 
