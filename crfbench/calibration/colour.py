@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration.calibrate import Calibration, calibrate
-from crfbench.calibration.observations import SATURATED, Observations
+from crfbench.calibration.observations import SATURATED, Observations, fit_shape
 from crfbench.calibration.posterior import Noise
 from crfbench.calibration.table import Table, decode_table
 from crfbench.checks import as_finite
@@ -41,7 +41,7 @@ _OUTSIDE = 0.5  # that of log M RAW of a colour far outside the gamut
 _DARKEST = 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ColourCalibration:
     """Colour matrix and curves of `n` cameras.
 
@@ -65,9 +65,6 @@ class ColourCalibration:
     soft: Array
     calibration: Calibration
 
-    def __repr__(self) -> str:
-        return f"ColourCalibration({len(self)} cameras, M told of {int(self.told.sum())}; {self.calibration!r})"
-
     def __len__(self) -> int:
         return len(self.matrix)
 
@@ -78,7 +75,7 @@ class ColourCalibration:
 
     def develop(self, raw: ArrayLike) -> Array:
         """Return the brightness, shape (n, m, 3), of RAW colours, shape (n, m, 3), or (m, 3) for all cameras."""
-        return _brightness(self.curves, to_light(self._colours("raw", raw), self.matrix, self.soft))
+        return _brightness(self.curves, _drawn(self._colours("raw", raw), self.matrix, self.soft)[0])
 
     def undevelop(self, brightness: ArrayLike) -> Array:
         """Return the RAW colours, shape (n, m, 3), of a brightness, shape (n, m, 3), or (m, 3) for all cameras."""
@@ -91,13 +88,11 @@ class ColourCalibration:
         return np.broadcast_to(array, (len(self), *array.shape[-2:]))
 
 
-def to_light(raw: Array, matrix: Array, soft: ArrayLike) -> Array:
-    """Mix RAW colours (..., m, 3) by M (..., 3, 3), and draw them into the gamut by `soft` (...,)."""
-    return _drawn(raw @ np.swapaxes(matrix, -1, -2), soft)[0]
-
-
 def to_raw(light: Array, matrix: Array, soft: ArrayLike) -> Array:
-    """Undo `to_light`; colours far outside the gamut come back only as far as rounded light tells them."""
+    """Return the RAW colours of light (..., m, 3) by M (..., 3, 3) and softness (...,).
+
+    Colours far outside the gamut come back only as far as rounded light tells them.
+    """
     share = np.asarray(soft, light.dtype)[..., None, None]
     # The greatest channel was drawn in by itself, so that its ratio is known.
     edge = 4 * share * light.max(axis=-1, keepdims=True) / (1 + np.sqrt(1 + 4 * share**2))
@@ -105,10 +100,10 @@ def to_raw(light: Array, matrix: Array, soft: ArrayLike) -> Array:
     return np.maximum(mixed @ np.swapaxes(np.linalg.inv(matrix).astype(light.dtype), -1, -2), 0.0)
 
 
-def _drawn(mixed: Array, soft: ArrayLike) -> tuple[Array, Array]:
-    """Draw M RAW into the gamut; returns light and its slope."""
-    edge = 2 * np.asarray(soft)[..., None, None] * np.maximum(mixed.max(axis=-1, keepdims=True), 1e-9)
-    root = np.hypot(mixed, edge)
+def _drawn(raw: Array, matrix: Array, soft: Array) -> tuple[Array, Array]:
+    """Mix RAW colours by M, and draw them into the gamut; returns light and its slope in M RAW."""
+    mixed = raw @ np.swapaxes(matrix, 1, 2)
+    root = np.hypot(mixed, 2 * soft[:, None, None] * np.maximum(mixed.max(axis=2, keepdims=True), 1e-9))
     return (mixed + root) / 2, (mixed + root) / (2 * root)
 
 
@@ -177,20 +172,11 @@ def _checked(brightness: ArrayLike, raw: ArrayLike, weights: ArrayLike | None) -
         raise InputError(f"{shapes}; use (photographs, places, 3) or (n, photographs, places, 3) for both")
     for name, values, most in (("brightness", jpeg, 1.0), ("raw", linear, 1.0), ("weights", share, 1e6)):
         if values.min(initial=0.0) < 0 or values.max(initial=0.0) > most:
-            raise InputError(f"{name} reach from {values.min():g} to {values.max():g}; use values from 0 to {most:g}")
+            raise InputError(f"{name} reaches from {values.min():g} to {values.max():g}; use values from 0 to {most:g}")
     inside = (jpeg > 0) & (jpeg < SATURATED) & (linear.max(axis=-1, keepdims=True) < _FULL)
-    try:
-        weight = inside * np.broadcast_to(share, jpeg.shape[:-1])[..., None]
-    except ValueError:
-        raise InputError(f"weights have shape {share.shape}; use {jpeg.shape[:-1]} or what broadcasts to it") from None
+    weight = inside * fit_shape("weights", share, jpeg.shape[:-1])[..., None]
     n = 1 if jpeg.ndim == 3 else len(jpeg)
-    jpeg, linear, weight = (array.reshape(n, -1, 3) for array in (jpeg, linear, weight))
-    left = (weight > 0).sum(axis=1).min(axis=1)
-    if left.min() < 2:
-        raise InputError(
-            f"{left.min()} places of camera {left.argmin()} are left in a channel, unclipped; use 2 or more"
-        )
-    return jpeg, linear, weight
+    return jpeg.reshape(n, -1, 3), linear.reshape(n, -1, 3), weight.reshape(n, -1, 3)
 
 
 class _Pairs(NamedTuple):
@@ -206,13 +192,10 @@ class _Pairs(NamedTuple):
         """Keep some cameras."""
         return _Pairs(*(part[rows] for part in self))
 
-    def light(self, matrix: Array) -> tuple[Array, Array]:
-        """Return light and its slope in M RAW."""
-        return _drawn(self.raw @ np.swapaxes(matrix, 1, 2), self.soft)
-
     def middle(self, values: Array, axis: tuple[int, ...] = (1, 2)) -> Array:
         """Return the median of what counts."""
-        return np.asarray(np.nanmedian(np.where(self.weight > 0, values, np.nan), axis=axis, keepdims=True))
+        counted = np.ma.masked_where(self.weight <= 0, values)
+        return np.asarray(np.ma.median(counted, axis=axis, keepdims=True).filled(1.0))
 
 
 class _Fit(NamedTuple):
@@ -237,7 +220,7 @@ def _in_turn(pairs: _Pairs, model: ResponseModel, table: Table) -> _Fit:
 
 def _curves(pairs: _Pairs, found: _Fit, model: ResponseModel, table: Table, method: str, seed: int) -> Calibration:
     """Calibrate the curves given M, up to its gains."""
-    light, slope = pairs.light(found.matrix)
+    light, slope = _drawn(pairs.raw, found.matrix, pairs.soft)
     light = np.maximum(light, _DARKEST)
     quantum = _QUANTUM * np.einsum("ncc->nc", found.matrix)[:, None] * slope / light
     error = np.sqrt(_REFERENCE**2 + quantum**2 + (_OUTSIDE * (1 - slope)) ** 2)
@@ -261,58 +244,41 @@ def _student(z: Array) -> Array:
 
 def _fit(pairs: _Pairs, curves: Array, start: Array) -> _Fit:
     """Fit M to the brightness, by least squares that are weighed again at every step."""
-    miss = abs(pairs.jpeg - _brightness(curves, pairs.light(start)[0]))
-    sigma = np.maximum(pairs.middle(miss) / 0.674, _LEAST)
+    sigma = pairs.middle(abs(pairs.jpeg - _brightness(curves, _drawn(pairs.raw, start, pairs.soft)[0])))
+    sigma, balance = np.maximum(sigma / 0.674, _LEAST), np.repeat(_grey(start)[:, None], 3, axis=1).reshape(-1, 9)
+    # Shares of M for RAW that is balanced to grey; gains are known to a factor of e^100, lest no reading tells one.
+    prior = (balance * np.where(np.eye(3, dtype=bool).ravel(), 1e-2, 1 / pairs.mixed[:, None])) ** 2
 
     def objective(params: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        return _equations(params.reshape(-1, 3, 3), pairs.of(rows), curves[rows], sigma[rows])
+        cost, normal, gradient = _equations(params.reshape(-1, 3, 3), pairs.of(rows), curves[rows], sigma[rows])
+        back = prior[rows] * np.where(np.eye(3, dtype=bool).ravel(), 0.0, params)
+        return cost + (back * params).sum(axis=1), normal + prior[rows, :, None] * np.eye(9), gradient + back
 
     params = levenberg_marquardt(objective, start.reshape(-1, 9), _STEPS)[0]
-    matrix, covariance = params.reshape(-1, 3, 3), np.linalg.inv(objective(params, np.arange(len(params)))[1])
-    jacobian = _shares(matrix)[1]
-    deviation = np.sqrt(np.einsum("nij,njk,nik->ni", jacobian, covariance, jacobian))
-    light = np.maximum(pairs.light(matrix)[0], _DARKEST)
+    covariance = np.linalg.inv(objective(params, np.arange(len(params)))[1])
+    deviation = (balance * np.sqrt(np.einsum("nii->ni", covariance)))[:, [1, 2, 3, 5, 6, 7]]
+    matrix = params.reshape(-1, 3, 3)
+    light = np.maximum(_drawn(pairs.raw, matrix, pairs.soft)[0], _DARKEST)
     z = (pairs.jpeg - _brightness(curves, light)) / sigma
     logs = -0.5 * (_FREEDOM + 1) * np.log1p(z**2 / _FREEDOM) - np.log(sigma)
     # A wild reading of a dark colour lies much farther off in log irradiance, where curves are calibrated.
-    far = np.log(np.maximum(_light(curves, pairs.jpeg), _DARKEST) / light) / np.hypot(
-        _REFERENCE, 0.02 / np.maximum(pairs.jpeg, 1 / 255)
-    )
+    far = np.log(np.maximum(_light(curves, pairs.jpeg), _DARKEST) / light)
+    far /= np.hypot(_REFERENCE, 0.02 / np.maximum(pairs.jpeg, 1 / 255))
     weight = _student(z) * _student(far / np.maximum(pairs.middle(abs(far)) / 0.674, 0.2))
     return _Fit(matrix, deviation, weight, (pairs.weight * logs).sum(axis=(1, 2)))
 
 
 def _equations(matrix: Array, pairs: _Pairs, curves: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Return cost, normal matrix and gradient of M, flat."""
-    light, slope = pairs.light(matrix)
+    """Return cost, normal matrix (n, 9, 9) and gradient (n, 9) of M given the data."""
+    light, slope = _drawn(pairs.raw, matrix, pairs.soft)
     low, high = np.clip(0.98 * light - 1e-4, 0, 0.999), np.clip(1.02 * light + 1e-4, 0, 1)
     steep = slope * (_brightness(curves, high) - _brightness(curves, low)) / (high - low) / sigma
     z = (_brightness(curves, light) - pairs.jpeg) / sigma
+    cost = (pairs.weight * (_FREEDOM + 1) * np.log1p(z**2 / _FREEDOM)).sum(axis=(1, 2))
     by = pairs.weight * _student(z)
-    shares, jacobian = _shares(matrix)
-    prior, back = jacobian / pairs.mixed[:, None, None], shares / pairs.mixed[:, None]
-    turned = np.swapaxes(prior, 1, 2)
-    cost = (pairs.weight * (_FREEDOM + 1) * np.log1p(z**2 / _FREEDOM)).sum(axis=(1, 2)) + (back**2).sum(axis=1)
-    blocks = np.einsum("nmc,nmi,nmj->ncij", by * steep**2, pairs.raw, pairs.raw, optimize=True)
-    # Gains are known to a factor of e^100, lest no reading tells one.
-    least = 1e-4 * np.eye(9) / np.einsum("ncc->nc", matrix).max(axis=1)[:, None, None] ** 2
-    gradient = np.einsum("nmc,nmi->nci", by * steep * z, pairs.raw).reshape(-1, 9) + (turned @ back[..., None])[..., 0]
-    return cost, _blocks(blocks) + turned @ prior + least, gradient
-
-
-def _blocks(rows: Array) -> Array:
-    """Return matrices (n, 9, 9) that are block diagonal, from the blocks of the rows of M (n, 3, 3, 3)."""
-    return np.einsum("ncij,cd->ncidj", rows, np.eye(3)).reshape(-1, 9, 9)
-
-
-def _shares(matrix: Array) -> tuple[Array, Array]:
-    """Return the off-diagonal shares (n, 6) of M for RAW that is balanced to grey, and their Jacobian (n, 6, 9)."""
-    grey = _grey(matrix)[:, None]
-    gains = (matrix * grey).sum(axis=2, keepdims=True)
-    shares = matrix * grey / gains
-    each = (np.eye(3) - shares[..., None]) * (grey / gains)[:, :, None]
-    off = np.flatnonzero(~np.eye(3, dtype=bool))
-    return shares.reshape(-1, 9)[:, off], _blocks(each)[:, off]
+    rows = np.einsum("nmc,nmi,nmj->ncij", by * steep**2, pairs.raw, pairs.raw, optimize=True)
+    gradient = np.einsum("nmc,nmi->nci", by * steep * z, pairs.raw)
+    return cost, np.einsum("ncij,cd->ncidj", rows, np.eye(3)).reshape(-1, 9, 9), gradient.reshape(-1, 9)
 
 
 def _grey(matrix: Array) -> Array:
