@@ -13,7 +13,8 @@ from crfbench.lazy import found_when_used
 
 if TYPE_CHECKING:
     from crfbench import camera, paper, plots, widgets
-    from crfbench.calibration import Observations, calibrate, calibrate_colour, learn_discrepancy
+    from crfbench.calibration import Observations, calibrate, learn_discrepancy
+    from crfbench.calibration.colour import calibrate_colour
     from crfbench.camera.passport import linearise
     from crfbench.curves import invert
     from crfbench.datasets import load_patches, load_responses
@@ -29,7 +30,8 @@ __version__ = "0.1.0"
 __getattr__ = found_when_used(
     __name__,
     {
-        "calibration": "Observations calibrate calibrate_colour learn_discrepancy",
+        "calibration": "Observations calibrate learn_discrepancy",
+        "calibration.colour": "calibrate_colour",
         "camera.passport": "linearise",
         "curves": "invert",
         "datasets": "load_patches load_responses",

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crfbench.calibration import Calibration, ColourCalibration, calibrate_colour
+from crfbench.calibration import Calibration
 from crfbench.calibration import calibrate as calibrate_observations
+from crfbench.calibration.colour import ColourCalibration, calibrate_colour
 from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
