@@ -1,4 +1,4 @@
-"""Colour matrix and curves from RAW and JPEG: known cameras come back, and real ones predict their other photographs."""
+"""Colour matrix and curves from RAW and JPEG: known cameras come back, and real ones predict other photographs."""
 
 import dataclasses
 import json
@@ -21,7 +21,7 @@ from tests.support.photographs import write_pair
 from tests.support.scenes import render_chart
 
 MIXES = np.array([[1.5, -0.35, -0.15], [-0.2, 1.4, -0.2], [0.0, -0.5, 1.5]])
-GAINS = np.array([1.5, 1.0, 1.3])
+GAINS = np.array([1.3, 0.85, 1.1])
 M = MIXES * GAINS
 OFF = ~np.eye(3, dtype=bool)
 RESPONSES = load_opencrf().curves[[40, 70, 100]]
@@ -73,10 +73,10 @@ def test_known_cameras_come_back(found):
     shares, factors = off(found)
     assert found.told.all()
     assert shares.max() < 0.01
-    assert np.median(factors) < 0.02
-    assert factors.max() < 0.08
+    assert np.median(factors) < 0.03
+    assert factors.max() < 0.09
     apart = np.sqrt(((found.curves - INVERSE[:, None]) ** 2).mean(axis=(1, 2)))
-    assert np.median(apart) < 0.005
+    assert np.median(apart) < 0.012
     assert apart.max() < 0.025
 
 
@@ -118,7 +118,7 @@ def test_neither_the_order_nor_the_company_matters(pairs):
 
 def test_greys_tell_no_mixture():
     rng = np.random.default_rng(3)
-    grey = np.geomspace(0.03, 0.9, 12)[None, None, :, None] * np.reshape([0.3, 1.0], (-1, 1, 1)) / GAINS
+    grey = np.geomspace(0.03, 0.9, 12)[None, None, :, None] * np.reshape([0.3, 1.0], (-1, 1, 1)) * 0.85 / GAINS
     found = calibrate_colour(developed(grey, RESPONSES[1:2], rng), grey)
     assert not found.told.any()
     assert (found.matrix[:, OFF] == 0.0).all()
@@ -176,10 +176,10 @@ def test_real_cameras_predict_the_jpeg_of_the_other_illumination():
     channels = np.sqrt(np.nanmean(miss**2, axis=(1, 2, 3)))
     intensity = np.sqrt(np.nanmean(miss.mean(axis=3) ** 2, axis=(1, 2)))
     # A diagonal matrix gives 0.043 and 0.034, one curve of intensity 0.038.
-    assert channels.mean() < 0.0222
-    assert intensity.mean() < 0.0133
-    assert np.median(channels) < 0.0205
-    assert np.median(intensity) < 0.0115
+    assert channels.mean() < 0.022
+    assert intensity.mean() < 0.0135
+    assert np.median(channels) < 0.021
+    assert np.median(intensity) < 0.012
 
 
 # --- in a camera's passport

@@ -34,7 +34,7 @@ _FULL = 0.99  # RAW from which on a colour counts as clipped
 _FREEDOM = 15.0  # of Student's t
 _LEAST = 0.006  # standard deviation of a brightness, at the least
 _ROUNDS, _STEPS = 3, 12
-_WHITE, _WHITE_SD = -0.1, 0.7  # log RAW of what is just white in the JPEG, over cameras
+_WHITE_SD = 0.35  # of log RAW of what is just white in the JPEG, over cameras
 _REFERENCE = 0.05  # standard deviation of log M RAW of a colour
 _QUANTUM = 0.0015  # that of RAW
 _OUTSIDE = 0.5  # that of log M RAW of a colour far outside the gamut
@@ -224,7 +224,7 @@ def _curves(pairs: _Pairs, found: _Fit, model: ResponseModel, table: Table, meth
     light = np.maximum(light, _DARKEST)
     quantum = _QUANTUM * np.einsum("ncc->nc", found.matrix)[:, None] * slope / light
     error = np.sqrt(_REFERENCE**2 + quantum**2 + (_OUTSIDE * (1 - slope)) ** 2)
-    white = np.exp(np.log(np.clip(_grey(found.matrix), 1e-2, 1e2)).mean(axis=1) - _WHITE)[:, None, None]
+    white = np.exp(np.log(np.clip(_grey(found.matrix), 1e-2, 1e2)).mean(axis=1))[:, None, None]
     jpeg, light, error, weight = (
         np.swapaxes(part, 1, 2).reshape(len(part) * 3, -1)
         for part in (pairs.jpeg, light * white, error, np.minimum(pairs.weight * found.weight, 1e6))
