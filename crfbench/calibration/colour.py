@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration.calibrate import Calibration, calibrate
-from crfbench.calibration.observations import SATURATED, Observations, fit_shape
+from crfbench.calibration.observations import REFERENCE_ERROR, SATURATED, Observations, fit_shape
 from crfbench.calibration.posterior import Noise
 from crfbench.calibration.table import Table, decode_table
 from crfbench.checks import as_finite
@@ -28,16 +28,12 @@ from crfbench.numerics import levenberg_marquardt
 # Tried at once: how softly colours are drawn in, which the data choose, and the prior standard deviation of the shares
 # of M off its diagonal; with the last M stays diagonal.
 _SOFT, _MIXED = np.array([0.003, 0.03, 0.003]), np.array([0.3, 0.3, 1e-3])
-_AT_FIRST = 0.1  # the first curve is a mean: a matrix that may bend itself to it would not come back
 _TOLD = 0.1  # posterior standard deviation of a share, from which on the data do not tell M
 _FULL = 0.99  # RAW from which on a colour counts as clipped
 _FREEDOM = 15.0  # of Student's t
 _LEAST = 0.006  # standard deviation of a brightness, at the least
 _ROUNDS, _STEPS = 3, 12
 _WHITE_SD = 0.35  # of log RAW of what is just white in the JPEG, over cameras
-_REFERENCE = 0.05  # standard deviation of log M RAW of a colour
-_QUANTUM = 0.0015  # that of RAW
-_OUTSIDE = 0.5  # that of log M RAW of a colour far outside the gamut
 _DARKEST = 1e-4
 
 
@@ -211,7 +207,7 @@ def _in_turn(pairs: _Pairs, model: ResponseModel, table: Table) -> _Fit:
     """Fit M and curves in turn, from a diagonal M by the mean curve."""
     curves = np.tile(from_knots(np.exp(table.log_prior) @ table.at_knots), (len(pairs.soft), 3, 1))
     start = pairs.middle(_light(curves, pairs.jpeg) / np.maximum(pairs.raw, 1e-3), (1,)) * np.eye(3)
-    found = _fit(pairs._replace(mixed=np.minimum(pairs.mixed, _AT_FIRST)), curves, start)
+    found = _fit(pairs, curves, start)
     for _ in range(_ROUNDS):
         curves = _curves(pairs, found, model, table, "map", 0).curves.reshape(curves.shape)
         found = _fit(pairs, curves, found.matrix)
@@ -220,18 +216,11 @@ def _in_turn(pairs: _Pairs, model: ResponseModel, table: Table) -> _Fit:
 
 def _curves(pairs: _Pairs, found: _Fit, model: ResponseModel, table: Table, method: str, seed: int) -> Calibration:
     """Calibrate the curves given M, up to its gains."""
-    light, slope = _drawn(pairs.raw, found.matrix, pairs.soft)
-    light = np.maximum(light, _DARKEST)
-    quantum = _QUANTUM * np.einsum("ncc->nc", found.matrix)[:, None] * slope / light
-    error = np.sqrt(_REFERENCE**2 + quantum**2 + (_OUTSIDE * (1 - slope)) ** 2)
+    light = np.maximum(_drawn(pairs.raw, found.matrix, pairs.soft)[0], _DARKEST)
     white = np.exp(np.log(np.clip(_grey(found.matrix), 1e-2, 1e2)).mean(axis=1))[:, None, None]
-    jpeg, light, error, weight = (
-        np.swapaxes(part, 1, 2).reshape(len(part) * 3, -1)
-        for part in (pairs.jpeg, light * white, error, np.minimum(pairs.weight * found.weight, 1e6))
-    )
-    observations = Observations(
-        jpeg[:, None], light, [0.0], weights=weight[:, None], reference_error=error, absolute=True
-    )
+    parts = pairs.jpeg, light * white, np.minimum(pairs.weight * found.weight, 1e6)
+    jpeg, light, weight = (np.swapaxes(part, 1, 2).reshape(len(part) * 3, -1) for part in parts)
+    observations = Observations(jpeg[:, None], light, [0.0], weights=weight[:, None], absolute=True)
     # The mean of three independent gains then has the standard deviation that it has over cameras.
     noise = Noise(exposure=np.sqrt(3) * _WHITE_SD / np.log(2))
     return calibrate(model, observations, method, channels=True, noise=noise, seed=seed, table=table)
@@ -263,7 +252,7 @@ def _fit(pairs: _Pairs, curves: Array, start: Array) -> _Fit:
     logs = -0.5 * (_FREEDOM + 1) * np.log1p(z**2 / _FREEDOM) - np.log(sigma)
     # A wild reading of a dark colour lies much farther off in log irradiance, where curves are calibrated.
     far = np.log(np.maximum(_light(curves, pairs.jpeg), _DARKEST) / light)
-    far /= np.hypot(_REFERENCE, 0.02 / np.maximum(pairs.jpeg, 1 / 255))
+    far /= np.hypot(REFERENCE_ERROR, 0.02 / np.maximum(pairs.jpeg, 1 / 255))
     weight = _student(z) * _student(far / np.maximum(pairs.middle(abs(far)) / 0.674, 0.2))
     return _Fit(matrix, deviation, weight, (pairs.weight * logs).sum(axis=(1, 2)))
 
