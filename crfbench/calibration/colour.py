@@ -9,7 +9,7 @@ are then known only as far as cameras differ in the RAW of what is just white in
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,17 +71,19 @@ class ColourCalibration:
 
     def develop(self, raw: ArrayLike) -> Array:
         """Return the brightness, shape (n, m, 3), of RAW colours, shape (n, m, 3), or (m, 3) for all cameras."""
-        return _brightness(self.curves, _drawn(self._colours("raw", raw), self.matrix, self.soft)[0])
+        light = _drawn(self._colours("raw", raw), self.matrix, self.soft)[0]
+        return np.swapaxes(_brightness(self.curves, light), 1, 2)
 
     def undevelop(self, brightness: ArrayLike) -> Array:
         """Return the RAW colours, shape (n, m, 3), of a brightness, shape (n, m, 3), or (m, 3) for all cameras."""
-        return to_raw(_light(self.curves, self._colours("brightness", brightness)), self.matrix, self.soft)
+        light = evaluate(self.curves, self._colours("brightness", brightness))
+        return to_raw(np.swapaxes(light, 1, 2), self.matrix, self.soft)
 
     def _colours(self, name: str, values: ArrayLike) -> Array:
         array = as_finite(name, values)
         if array.ndim not in (2, 3) or array.shape[-1] != 3 or array.shape[:-2] not in ((), (len(self),)):
             raise InputError(f"{name} has shape {array.shape}; use (m, 3) or ({len(self)}, m, 3)")
-        return np.broadcast_to(array, (len(self), *array.shape[-2:]))
+        return np.swapaxes(np.broadcast_to(array, (len(self), *array.shape[-2:])), 1, 2)
 
 
 def to_raw(light: Array, matrix: Array, soft: ArrayLike) -> Array:
@@ -97,25 +99,19 @@ def to_raw(light: Array, matrix: Array, soft: ArrayLike) -> Array:
 
 
 def _drawn(raw: Array, matrix: Array, soft: Array) -> tuple[Array, Array]:
-    """Mix RAW colours by M, and draw them into the gamut; returns light and its slope in M RAW."""
-    mixed = raw @ np.swapaxes(matrix, 1, 2)
-    root = np.hypot(mixed, 2 * soft[:, None, None] * np.maximum(mixed.max(axis=2, keepdims=True), 1e-9))
+    """Mix RAW colours (n, 3, m) by M, and draw them into the gamut; returns light and its slope in M RAW."""
+    mixed = matrix @ raw
+    root = np.hypot(mixed, 2 * soft[:, None, None] * np.maximum(mixed.max(axis=1, keepdims=True), 1e-9))
     return (mixed + root) / 2, (mixed + root) / (2 * root)
 
 
-def _light(curves: Array, brightness: Array) -> Array:
-    """Return the light of brightness (n, m, 3) by inverse responses (n, 3, 1024)."""
-    return np.swapaxes(evaluate(curves, np.swapaxes(brightness, 1, 2)), 1, 2)
-
-
 def _brightness(curves: Array, light: Array) -> Array:
-    """Undo `_light`."""
-    rows = np.maximum.accumulate(curves, axis=-1).reshape(-1, len(GRID))
+    """Return the brightness of light (n, 3, m) by inverse responses (n, 3, 1024)."""
+    rows, at = (array.reshape(-1, array.shape[-1]) for array in (np.maximum.accumulate(curves, axis=-1), light))
     # Rows shifted apart make one increasing sequence, so that one call serves all.
     shift = 2.0 * np.arange(len(rows))[:, None]
-    at = np.swapaxes(np.clip(light, 0.0, 1.0), 1, 2)
-    flat = np.interp((at.reshape(len(rows), -1) + shift).ravel(), (rows + shift).ravel(), np.tile(GRID, len(rows)))
-    return np.swapaxes(flat.reshape(at.shape), 1, 2)
+    flat = np.interp((np.clip(at, 0.0, 1.0) + shift).ravel(), (rows + shift).ravel(), np.tile(GRID, len(rows)))
+    return flat.reshape(light.shape)
 
 
 def calibrate_colour(
@@ -152,7 +148,7 @@ def calibrate_colour(
     deviation = tried.deviation[best]
     told = deviation.max(axis=1) < _TOLD
     rows = np.where(told, best, len(every) - n + np.arange(n))
-    pairs, found = pairs.of(rows), _Fit(*(part[rows] for part in tried))
+    pairs, found = _taken(pairs, rows), _taken(tried, rows)
     calibration = _curves(pairs, found, model, table, method, seed)
     matrix = _fit(pairs, calibration.curves.reshape(n, 3, -1), found.matrix).matrix
     matrix = np.where(told[:, None, None], matrix, matrix * np.eye(3))
@@ -160,7 +156,7 @@ def calibrate_colour(
 
 
 def _checked(brightness: ArrayLike, raw: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array, Array]:
-    """Return brightness, RAW and weights, 0 where clipped, of shape (n, m, 3) each."""
+    """Return brightness, RAW and weights, 0 where clipped, of shape (n, 3, m) each."""
     jpeg, linear = as_finite("brightness", brightness), as_finite("raw", raw)
     share = as_finite("weights", 1.0 if weights is None else weights)
     if jpeg.ndim not in (3, 4) or jpeg.shape[-1] != 3 or not jpeg.size or linear.shape != jpeg.shape:
@@ -172,21 +168,18 @@ def _checked(brightness: ArrayLike, raw: ArrayLike, weights: ArrayLike | None) -
     inside = (jpeg > 0) & (jpeg < SATURATED) & (linear.max(axis=-1, keepdims=True) < _FULL)
     weight = inside * fit_shape("weights", share, jpeg.shape[:-1])[..., None]
     n = 1 if jpeg.ndim == 3 else len(jpeg)
-    return jpeg.reshape(n, -1, 3), linear.reshape(n, -1, 3), weight.reshape(n, -1, 3)
+    jpeg, linear, weight = (np.swapaxes(array.reshape(n, -1, 3), 1, 2) for array in (jpeg, linear, weight))
+    return jpeg, linear, weight
 
 
 class _Pairs(NamedTuple):
     """Colours of n cameras, m each, and how they are to be fitted."""
 
-    jpeg: Array  # shape (n, m, 3)
-    raw: Array  # shape (n, m, 3)
-    weight: Array  # shape (n, m, 3)
+    jpeg: Array  # shape (n, 3, m)
+    raw: Array  # shape (n, 3, m)
+    weight: Array  # shape (n, 3, m)
     soft: Array  # shape (n,)
     mixed: Array  # shape (n,)
-
-    def of(self, rows: NDArray[np.intp]) -> "_Pairs":
-        """Keep some cameras."""
-        return _Pairs(*(part[rows] for part in self))
 
     def middle(self, values: Array, axis: tuple[int, ...] = (1, 2)) -> Array:
         """Return the median of what counts."""
@@ -199,14 +192,19 @@ class _Fit(NamedTuple):
 
     matrix: Array  # shape (n, 3, 3)
     deviation: Array  # shape (n, 6)
-    weight: Array  # shape (n, m, 3); of each reading, for the curves
+    weight: Array  # shape (n, 3, m); of each reading, for the curves
     log_likelihood: Array  # shape (n,)
+
+
+def _taken(parts: Any, rows: NDArray[np.intp]) -> Any:
+    """Keep some cameras."""
+    return type(parts)(*(part[rows] for part in parts))
 
 
 def _in_turn(pairs: _Pairs, model: ResponseModel, table: Table) -> _Fit:
     """Fit M and curves in turn, from a diagonal M by the mean curve."""
     curves = np.tile(from_knots(np.exp(table.log_prior) @ table.at_knots), (len(pairs.soft), 3, 1))
-    start = pairs.middle(_light(curves, pairs.jpeg) / np.maximum(pairs.raw, 1e-3), (1,)) * np.eye(3)
+    start = pairs.middle(evaluate(curves, pairs.jpeg) / np.maximum(pairs.raw, 1e-3), (2,)) * np.eye(3)
     found = _fit(pairs, curves, start)
     for _ in range(_ROUNDS):
         curves = _curves(pairs, found, model, table, "map", 0).curves.reshape(curves.shape)
@@ -219,8 +217,8 @@ def _curves(pairs: _Pairs, found: _Fit, model: ResponseModel, table: Table, meth
     light = np.maximum(_drawn(pairs.raw, found.matrix, pairs.soft)[0], _DARKEST)
     white = np.exp(np.log(np.clip(_grey(found.matrix), 1e-2, 1e2)).mean(axis=1))[:, None, None]
     parts = pairs.jpeg, light * white, np.minimum(pairs.weight * found.weight, 1e6)
-    jpeg, light, weight = (np.swapaxes(part, 1, 2).reshape(len(part) * 3, -1) for part in parts)
-    observations = Observations(jpeg[:, None], light, [0.0], weights=weight[:, None], absolute=True)
+    jpeg, light, weight = (part.reshape(-1, 1, part.shape[2]) for part in parts)
+    observations = Observations(jpeg, light[:, 0], [0.0], weights=weight, absolute=True)
     # The mean of three independent gains then has the standard deviation that it has over cameras.
     noise = Noise(exposure=np.sqrt(3) * _WHITE_SD / np.log(2))
     return calibrate(model, observations, method, channels=True, noise=noise, seed=seed, table=table)
@@ -239,7 +237,7 @@ def _fit(pairs: _Pairs, curves: Array, start: Array) -> _Fit:
     prior = (balance * np.where(np.eye(3, dtype=bool).ravel(), 1e-2, 1 / pairs.mixed[:, None])) ** 2
 
     def objective(params: Array, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        cost, normal, gradient = _equations(params.reshape(-1, 3, 3), pairs.of(rows), curves[rows], sigma[rows])
+        cost, normal, gradient = _equations(params.reshape(-1, 3, 3), _taken(pairs, rows), curves[rows], sigma[rows])
         back = prior[rows] * np.where(np.eye(3, dtype=bool).ravel(), 0.0, params)
         return cost + (back * params).sum(axis=1), normal + prior[rows, :, None] * np.eye(9), gradient + back
 
@@ -251,7 +249,7 @@ def _fit(pairs: _Pairs, curves: Array, start: Array) -> _Fit:
     z = (pairs.jpeg - _brightness(curves, light)) / sigma
     logs = -0.5 * (_FREEDOM + 1) * np.log1p(z**2 / _FREEDOM) - np.log(sigma)
     # A wild reading of a dark colour lies much farther off in log irradiance, where curves are calibrated.
-    far = np.log(np.maximum(_light(curves, pairs.jpeg), _DARKEST) / light)
+    far = np.log(np.maximum(evaluate(curves, pairs.jpeg), _DARKEST) / light)
     far /= np.hypot(REFERENCE_ERROR, 0.02 / np.maximum(pairs.jpeg, 1 / 255))
     weight = _student(z) * _student(far / np.maximum(pairs.middle(abs(far)) / 0.674, 0.2))
     return _Fit(matrix, deviation, weight, (pairs.weight * logs).sum(axis=(1, 2)))
@@ -265,8 +263,8 @@ def _equations(matrix: Array, pairs: _Pairs, curves: Array, sigma: Array) -> tup
     z = (_brightness(curves, light) - pairs.jpeg) / sigma
     cost = (pairs.weight * (_FREEDOM + 1) * np.log1p(z**2 / _FREEDOM)).sum(axis=(1, 2))
     by = pairs.weight * _student(z)
-    rows = np.einsum("nmc,nmi,nmj->ncij", by * steep**2, pairs.raw, pairs.raw, optimize=True)
-    gradient = np.einsum("nmc,nmi->nci", by * steep * z, pairs.raw)
+    rows = np.einsum("ncm,nim,njm->ncij", by * steep**2, pairs.raw, pairs.raw, optimize=True)
+    gradient = np.einsum("ncm,nim->nci", by * steep * z, pairs.raw)
     return cost, np.einsum("ncij,cd->ncidj", rows, np.eye(3)).reshape(-1, 9, 9), gradient.reshape(-1, 9)
 
 
