@@ -14,6 +14,7 @@ from crfbench.lazy import found_when_used
 if TYPE_CHECKING:
     from crfbench import camera, paper, plots, widgets
     from crfbench.calibration import Observations, calibrate, learn_discrepancy
+    from crfbench.calibration.colour import calibrate_colour
     from crfbench.camera.passport import linearise
     from crfbench.curves import invert
     from crfbench.datasets import load_patches, load_responses
@@ -30,6 +31,7 @@ __getattr__ = found_when_used(
     __name__,
     {
         "calibration": "Observations calibrate learn_discrepancy",
+        "calibration.colour": "calibrate_colour",
         "camera.passport": "linearise",
         "curves": "invert",
         "datasets": "load_patches load_responses",
@@ -53,6 +55,7 @@ __all__ = [
     "Polynomial",
     "SearchSpace",
     "calibrate",
+    "calibrate_colour",
     "camera",
     "fetch",
     "invert",

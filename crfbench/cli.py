@@ -195,7 +195,7 @@ def calibrate(
     ] = "exif",
     model: Annotated[str, typer.Option(help="Name of a model, such as SLR-ldl-3 or PPISP-4.")] = "Kernel-8",
     channels: Annotated[
-        str, typer.Option(help="Without a chart: rgb, a curve a channel, or shared, one for all.")
+        str, typer.Option(help="Of a series, or a chart with RAW: rgb, a curve a channel, or shared, one for all.")
     ] = "rgb",
     align: Annotated[str, typer.Option(help="Without a chart: auto, as from the hand, or none.")] = "auto",
     white_level: Annotated[int | None, typer.Option(help="Of 16-bit images, such as 4095; default: a guess.")] = None,
@@ -223,6 +223,8 @@ def calibrate(
     low, high = result.passport.valid_range
     measured = f"measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
     typer.echo(f"{result.passport!r}: {measured}")
+    if result.passport.matrix is not None:
+        typer.echo(f"colour matrix, RAW to light: {camera.matrix_text(result.passport.matrix)}")
     for warning in result.warnings:
         typer.echo(f"warning: {warning}")
 
@@ -232,6 +234,7 @@ def linearise(
     image: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, HEIC, AVIF or WebP, 8 or 16 bit.")],
     response: Annotated[Path, typer.Option(help="passport.json, or the response of another program.")],
     out: Annotated[Path, typer.Option(help="What to write: .exr, .tif or .hdr (float).")],
+    to: Annotated[str, typer.Option(help="light, or camera: RAW, by a passport with a colour matrix.")] = "light",
     format: FormatName = None,
     white_level: Annotated[int | None, typer.Option(help="Of a 16-bit image, such as 4095; default: a guess.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
@@ -240,7 +243,7 @@ def linearise(
     from crfbench.camera import linearise_file
 
     say = partial(typer.echo, err=True)
-    typer.echo(linearise_file(image, response, out, force, format=format, white_level=white_level, say=say))
+    typer.echo(linearise_file(image, response, out, force, to=to, format=format, white_level=white_level, say=say))
 
 
 @app.command()

@@ -109,7 +109,9 @@ def test_a_script_needs_no_guard(tmp_path, way):
     done = subprocess.run(
         [sys.executable, *command], input=given, capture_output=True, text=True, check=False, cwd=tmp_path
     )
-    assert (done.stdout, done.returncode) == ("Passport('crfbench synthetic', inverse, intensity)\n", 0), done.stderr
+    assert (done.stdout, done.returncode) == ("Passport('crfbench synthetic', inverse, red, green, blue)\n", 0), (
+        done.stderr
+    )
 
 
 def script(code):

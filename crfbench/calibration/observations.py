@@ -69,8 +69,8 @@ class Observations:
         b = self.brightness
         n, e, p = b.shape
         beyond = (b <= 0) | (b >= SATURATED) if clipped is None else as_finite("clipped", clipped) != 0
-        self.clipped: NDArray[np.bool_] = _fit("clipped", beyond, (n, e, p))
-        self.weights: Array = _fit(
+        self.clipped: NDArray[np.bool_] = fit_shape("clipped", beyond, (n, e, p))
+        self.weights: Array = fit_shape(
             "weights", as_finite("weights", 1.0 if weights is None else weights) * ~masked, (n, e, p)
         )
         if self.weights.min() < 0 or self.weights.max() > _MOST:
@@ -78,7 +78,7 @@ class Observations:
         self.reference = None if reference is None else _positive("reference", reference, (n, p))
         self.reference_error = _positive("reference_error", reference_error, (n, p))
         self.exposures = None if exposures is None else _stops(exposures, (n, e))
-        self.colour: Array = _fit("colour", as_finite("colour", colour), (n, p))
+        self.colour: Array = fit_shape("colour", as_finite("colour", colour), (n, p))
         self.absolute = bool(absolute)
         if self.absolute and (reference is None or exposures is None):
             raise InputError("absolute=True needs both reference and exposures; give them, or leave it out")
@@ -186,17 +186,18 @@ def _positive(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     if array.size and not 1 / _EXTREME <= array.min() <= array.max() <= _EXTREME:
         low, high = array.min(), array.max()
         raise InputError(f"{name} runs from {low:g} to {high:g}; use values above 0, {1 / _EXTREME:g} to {_EXTREME:g}")
-    return _fit(name, array, shape)
+    return fit_shape(name, array, shape)
 
 
 def _stops(values: ArrayLike, shape: tuple[int, int]) -> Array:
     array = as_finite("exposures", values)
     if array.size and np.ptp(array) > _STOPS:
         raise InputError(f"exposures span {np.ptp(array):g} stops; use stops, the base-2 logarithm of exposure")
-    return _fit("exposures", array, shape)
+    return fit_shape("exposures", array, shape)
 
 
-def _fit(name: str, array: NDArray, shape: tuple[int, ...]) -> NDArray:
+def fit_shape(name: str, array: NDArray, shape: tuple[int, ...]) -> NDArray:
+    """Broadcast to the shape of the brightness, or say that it cannot be."""
     try:
         return np.broadcast_to(array, shape)
     except ValueError:

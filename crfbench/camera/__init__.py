@@ -10,7 +10,7 @@ from crfbench.camera.calibrate import CameraCalibration, calibrate
 from crfbench.camera.formats import FORMATS, read_response, write_response
 from crfbench.camera.measuring import chart_table
 from crfbench.camera.merging import merge_series, write_hdr
-from crfbench.camera.outputs import linearise_file, linearised_patches, write_outputs
+from crfbench.camera.outputs import linearise_file, linearised_patches, matrix_text, write_outputs
 from crfbench.camera.passport import Passport, linearise
 from crfbench.camera.photographs import pair_photographs, read_series
 from crfbench.camera.reading import read_image
@@ -31,6 +31,7 @@ __all__ = [
     "linearise_file",
     "linearised_patches",
     "load_labels",
+    "matrix_text",
     "merge_series",
     "pair_photographs",
     "read_image",

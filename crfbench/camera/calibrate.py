@@ -10,8 +10,9 @@ import numpy as np
 
 from crfbench.calibration import Calibration
 from crfbench.calibration import calibrate as calibrate_observations
+from crfbench.calibration.colour import ColourCalibration, calibrate_colour
 from crfbench.camera.aligning import align_series
-from crfbench.camera.measuring import MeasuredChart, chart_table, observe_chart
+from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
@@ -42,6 +43,7 @@ class CameraCalibration:
     measured: dict[str, MeasuredChart] = field(default_factory=dict)  # where the chart lies in each photograph
     merged: Merged | None = None  # the linear image that an exposure series gives
     notes: list[str] = field(default_factory=list)  # what was assumed of the files, in sentences
+    colour: ColourCalibration | None = None  # where RAW files told the channels
 
     @property
     def warnings(self) -> list[str]:
@@ -49,7 +51,9 @@ class CameraCalibration:
         three = len(self.passport.curves) == 3
         pairs = zip(self.passport.channels, self.calibration.warnings, strict=True)
         said = [f"{name}: {text}" if three else text for name, texts in pairs for text in texts]
-        return [*said, *_contradictions(self.calibration, list(self.photographs))]
+        mixed = "the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"
+        diagonal = [mixed] if self.passport.told is False else []
+        return [*said, *diagonal, *_contradictions(self.calibration, list(self.photographs))]
 
 
 def calibrate(
@@ -84,7 +88,8 @@ def calibrate(
     created : str
         ISO date for the passport.
     channels : {"rgb", "shared"}
-        Without a chart: a curve for each channel, which differ as far as the data tell, or one for all.
+        A curve for each channel, which differ as far as the data tell, or one for all. Of a chart with its RAW files
+        "rgb" also tells the colour matrix; of one without them there is one curve, of intensity.
     align : {"auto", "none"}
         Without a chart: whether photographs from the hand are laid over each other (`align_series`).
     white_level : int, optional
@@ -114,7 +119,8 @@ def calibrate(
         for text in result.notes[len(plan.notes) :]:
             say(text)
         return result
-    return _from_chart(plan, None if chart == "auto" else Path(chart), exposures is not None, key, created)
+    labels, timed = None if chart == "auto" else Path(chart), exposures is not None
+    return _from_chart(plan, labels, timed, key, channels == "rgb", created)
 
 
 def _inverse_model(name: str) -> ModelKey:
@@ -125,7 +131,9 @@ def _inverse_model(name: str) -> ModelKey:
     return key
 
 
-def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, created: str) -> CameraCalibration:
+def _from_chart(
+    plan: Plan, labels: Path | None, timed: bool, key: ModelKey, rgb: bool, created: str
+) -> CameraCalibration:
     model = key.load()
     patches, measured, unmeasured = chart_table(plan.pairs, load_labels(labels) if labels else None, plan.white_level)
     used = plan.without(unmeasured)
@@ -134,13 +142,18 @@ def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, cre
             f"no photograph with a chart is left ({_reasons(used.problems)}); "
             "mark the corners with crfbench.widgets.ChartLabeller, or take a series of any scene and --chart none"
         )
-    if timed and all(pair.raw for pair in used.pairs):
+    with_raw = all(pair.raw for pair in used.pairs)
+    if timed and with_raw:
         raise InputError("exposures are given, but RAW files tell them better; leave out one of the two")
-    observations = observe_chart(patches, used.stops)
-    calibration = calibrate_observations(model, observations, "posterior")
-    passport = _passport(calibration, key, used, created)
-    photographs = {pair.name: pair.jpeg for pair in used.pairs}
-    return CameraCalibration(passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes)
+    colour = calibrate_colour(*chart_pairs(patches), model=model) if rgb and with_raw else None
+    if colour is None:
+        calibration = calibrate_observations(model, observe_chart(patches, used.stops), "posterior")
+    else:
+        calibration = colour.calibration
+    passport, photographs = _passport(calibration, key, used, created, colour), {p.name: p.jpeg for p in used.pairs}
+    return CameraCalibration(
+        passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes, colour=colour
+    )
 
 
 def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, align: bool, created: str) -> CameraCalibration:
@@ -186,7 +199,9 @@ def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
     ]
 
 
-def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str) -> Passport:
+def _passport(
+    calibration: Calibration, key: ModelKey, used: Plan, created: str, colour: ColourCalibration | None = None
+) -> Passport:
     """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files."""
     exif = next((exif for exif in used.exifs if exif.model), used.exifs[0])
     files = [path for pair in used.pairs for path in (pair.jpeg, pair.raw) if path is not None]
@@ -208,6 +223,7 @@ def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str)
         valid_range=(float(darkest), float(brightest)),
         created=created,
         white_level=used.white_level,
+        **({} if colour is None else {"matrix": colour.matrix[0], "soft": colour.soft[0], "told": colour.told[0]}),
     )
 
 

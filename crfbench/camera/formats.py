@@ -49,7 +49,8 @@ class Format(NamedTuple):
 _KIND = "crfbench response passport"
 _VERSION = 1
 _NAMES = tuple(field.name for field in fields(Passport))
-_LATER = {"white_level": None, "note": ""}  # which the first passports did not hold
+# Which the first passports did not hold.
+_LATER = {"white_level": None, "note": "", **dict.fromkeys(("matrix", "soft", "told"))}
 
 
 def _write_json(passport: Passport) -> bytes:

@@ -379,6 +379,12 @@ def observe_chart(patches: "DataFrame", exposures: ArrayLike | None = None) -> O
     )
 
 
+def chart_pairs(patches: "DataFrame") -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return JPEG and RAW of a measured patch table, (e, 24, 3), and which patches are clipped in neither, (e, 24)."""
+    jpeg, raw = (_by_photograph(patches, f"{kind}_clipped") < CLIPPED_SHARE for kind in ("jpeg", "raw"))
+    return _cube(patches, "jpeg"), _cube(patches, "raw"), jpeg & raw
+
+
 def separate(raw: Array, clipped: np.ndarray) -> tuple[Array, Array]:
     """Split RAW intensities (e, p) into irradiance of patches times exposure of photographs: least squares of logs.
 

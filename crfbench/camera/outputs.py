@@ -18,6 +18,8 @@ from crfbench.camera.passport import linearise
 from crfbench.camera.photographs import find_white_level
 from crfbench.camera.reading import read_image, read_levels
 from crfbench.camera.worker import WORKER
+from crfbench.curves import Array
+from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import InputError, MissingDataError
 from crfbench.files import check_new, write_new
 
@@ -67,6 +69,7 @@ def linearise_file(
     out: Path,
     overwrite: bool = False,
     *,
+    to: str = "light",
     format: str | None = None,
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
@@ -75,7 +78,7 @@ def linearise_file(
 
     `response` is a passport or a response of another program, of that `format`, else as its content tells; `out` ends
     in ``.exr`` or ``.tif`` (floats in units of full scale) or ``.hdr``. `white_level` is by default that of the
-    passport, else guessed; `say` as in `crfbench.camera.calibrate`.
+    passport, else guessed; `to` as in `linearise`, `say` as in `crfbench.camera.calibrate`.
     """
     passport = read_response(response, format)
     check_new(out, overwrite)
@@ -86,7 +89,7 @@ def linearise_file(
         white_level, notes = find_white_level([image])
         for note in notes:
             say(note)
-    write_hdr(out, linearise(WORKER.run(read_levels, image, white_level), passport), overwrite)
+    write_hdr(out, linearise(WORKER.run(read_levels, image, white_level), passport, to=to), overwrite)
     return out
 
 
@@ -112,7 +115,8 @@ def linearised_patches(result: CameraCalibration, name: str) -> "DataFrame":
     if name not in result.measured:
         raise InputError(f"name={name!r} is not a photograph with a chart; use one of {', '.join(result.measured)}")
     photograph = result.measured[name]
-    pixels = linearise(WORKER.run(read_image, result.photographs[name]), result.passport)
+    to = "light" if result.passport.matrix is None else "camera"
+    pixels = linearise(WORKER.run(read_image, result.photographs[name]), result.passport, to=to)
     linear = measure_chart(pixels, photograph.corners).means
     raw = np.full_like(linear, np.nan) if photograph.raw is None else photograph.raw.means
     kept = photograph.jpeg.clipped == 0
@@ -158,18 +162,25 @@ def _facts(result: CameraCalibration) -> dict[str, str]:
     passport, calibration = result.passport, result.calibration
     counts, residuals = calibration.observations.counts, calibration.residuals
     residual = f"{_rms(residuals[counts])} of irradiance"
-    greys = residuals[:, :, _GREYS][counts[:, :, _GREYS]]
-    if result.measured and greys.size:
-        residual += f"; of the grey patches {_rms(greys)}"
+    if result.measured:
+        greys = residuals.reshape(-1, N_PATCHES)[:, _GREYS][counts.reshape(-1, N_PATCHES)[:, _GREYS]]
+        residual += f"; of the grey patches {_rms(greys)}" if greys.size else ""
+    mixed = {} if passport.matrix is None else {"colour matrix, RAW to light": matrix_text(passport.matrix)}
     return {
         "model": passport.model,
         "photographs": ", ".join(result.photographs),
         "measurements": f"{int(counts.sum())}, {int((~counts).sum())} clipped or left out",
         "brightness measured": f"{passport.valid_range[0]:.3f} to {passport.valid_range[1]:.3f}",
         "root mean square residual": residual,
+        **mixed,
         "SHA-256 of the files": passport.data_sha256,
         "crfbench": passport.version,
     }
+
+
+def matrix_text(matrix: Array) -> str:
+    """Return the rows of a matrix for red, green and blue on one line."""
+    return "; ".join(" ".join(f"{value:.3f}" for value in row) for row in matrix)
 
 
 def _rms(residuals: np.ndarray) -> str:

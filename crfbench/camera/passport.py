@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from crfbench.checks import as_finite, check_count
+from crfbench.calibration.colour import to_raw
+from crfbench.checks import as_finite, check_choice, check_count, check_number
 from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, evaluate, invert
 from crfbench.errors import InputError
 
@@ -53,6 +54,12 @@ class Passport:
         That counted as brightness 1 in images of 16 bits, where it was not 65535.
     note : str
         What was done to the curves of another program as they were read, such as the repair of small falls.
+    matrix : array_like, shape (3, 3), optional
+        What mixes RAW to the light that the three curves bend; given if and only if `soft` and `told` are.
+    soft : float, optional
+        How softly colours are drawn into the gamut, see `crfbench.calibration.colour`.
+    told : bool, optional
+        Whether the data told the matrix; else it is diagonal.
 
     Examples
     --------
@@ -76,6 +83,9 @@ class Passport:
     version: str = field(default_factory=lambda: version("crfbench"))
     white_level: int | None = None
     note: str = ""
+    matrix: Array | None = None
+    soft: float | None = None
+    told: bool | None = None
 
     def __post_init__(self) -> None:
         check_direction(self.direction)
@@ -89,6 +99,7 @@ class Passport:
             self._set(iso=check_count("iso", self.iso))
         if self.white_level is not None:
             self._set(white_level=check_count("white_level", self.white_level, 255, 65535))
+        self._set(**_checked_matrix(self.matrix, self.soft, self.told, len(curves)))
         _check_created(self.created)
         if self.data_sha256 and not _SHA256.fullmatch(self.data_sha256):
             raise InputError(f"data_sha256={self.data_sha256!r} is not a SHA-256; use 64 small hexadecimal digits")
@@ -111,7 +122,8 @@ class Passport:
             raise InputError(f"channel={name!r} is not in this passport; use one of {', '.join(self.channels)}")
         row = self.channels.index(name)
         low, high, params = (None if part is None else part[[row]] for part in (self.low, self.high, self.params))
-        return replace(self, curves=self.curves[[row]], low=low, high=high, params=params)
+        alone = replace(self, matrix=None, soft=None, told=None)
+        return replace(alone, curves=self.curves[[row]], low=low, high=high, params=params)
 
     def _set(self, **values: Any) -> None:
         """Set checked values; only `__post_init__` may, as the class is frozen."""
@@ -158,6 +170,17 @@ def _checked_range(valid_range: object) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
+def _checked_matrix(matrix: ArrayLike | None, soft: object, told: object, c: int) -> dict[str, Any]:
+    if matrix is None and soft is None and told is None:
+        return {}
+    if c != 3 or matrix is None or not isinstance(told, bool | np.bool_):
+        raise InputError(f"matrix, soft={soft!r} and told={told!r} of {c} curves; use all with three curves, or none")
+    rows, share = np.array(as_finite("matrix", matrix)), check_number("soft", soft, 0.0, 1.0)
+    if rows.shape != (3, 3) or not abs(np.linalg.det(rows)) > 1e-9:
+        raise InputError(f"the matrix is {rows.tolist()}; use one of shape (3, 3) that can be inverted")
+    return {"matrix": rows, "soft": share, "told": bool(told)}
+
+
 def _check_created(created: str) -> None:
     try:
         if created and date.fromisoformat(created).isoformat() != created:
@@ -166,7 +189,9 @@ def _check_created(created: str) -> None:
         raise InputError(f"created={created!r} is not a valid date; use one like '2026-01-31'") from None
 
 
-def linearise(image: ArrayLike, response: Passport | ArrayLike, dtype: DTypeLike = np.float32) -> NDArray[Any]:
+def linearise(
+    image: ArrayLike, response: Passport | ArrayLike, dtype: DTypeLike = np.float32, to: str = "light"
+) -> NDArray[Any]:
     """Return the irradiance of an image: linear in light, 1 where the brightness is greatest.
 
     Parameters
@@ -178,6 +203,8 @@ def linearise(image: ArrayLike, response: Passport | ArrayLike, dtype: DTypeLike
         Curves without a passport are inverse responses. One curve serves all channels.
     dtype : {float32, uint16}
         Of the result: irradiance in [0, 1], or 65535 times it, rounded.
+    to : {"light", "camera"}
+        Linear light of the image's own colours, or by the passport's matrix the camera's RAW.
 
     Returns
     -------
@@ -189,6 +216,10 @@ def linearise(image: ArrayLike, response: Passport | ArrayLike, dtype: DTypeLike
     >>> linearise(np.array([[0, 128, 255]], dtype=np.uint8), GRID**2, dtype=np.uint16).tolist()
     [[0, 16513, 65535]]
     """
+    if check_choice("to", to, ("light", "camera")) == "camera":
+        if not isinstance(response, Passport) or response.matrix is None or response.soft is None:
+            raise InputError("to='camera' needs a colour matrix; use the passport of a chart with RAW, or to='light'")
+        return _quantised(to_raw(linearise(image, response), response.matrix, response.soft), np.dtype(dtype))
     pixels = np.asarray(image)
     curves = response.in_direction("inverse") if isinstance(response, Passport) else as_valid_curves(response)
     if len(curves) not in (1, 3):
