@@ -167,6 +167,7 @@ def test_colours_of_another_shape_are_refused(found):
             use(np.zeros((2, 5, 3)))
 
 
+@pytest.mark.slow
 def test_real_cameras_predict_the_jpeg_of_the_other_illumination():
     chart = patch_arrays(load_patches())
     jpeg, raw, clipped = (part.reshape(28, *part.shape[2:]) for part in (chart.jpeg, chart.raw, chart.clipped))
@@ -210,6 +211,11 @@ def test_a_chart_with_raw_tells_the_matrix(result):
     assert not result.warnings
     page = camera.outputs.report_page(result)
     assert camera.matrix_text(result.passport.matrix) in page
+
+
+def test_a_matrix_that_is_not_told_is_a_warning(result):
+    grey = dataclasses.replace(result, passport=dataclasses.replace(result.passport, told=False))
+    assert grey.warnings == ["the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"]
 
 
 def test_shared_gives_one_curve_and_no_matrix(folder):

@@ -32,7 +32,7 @@ _TOLD = 0.1  # posterior standard deviation of a share, from which on the data d
 _FULL = 0.99  # RAW from which on a colour counts as clipped
 _FREEDOM = 15.0  # of Student's t
 _LEAST = 0.006  # standard deviation of a brightness, at the least
-_ROUNDS, _STEPS = 3, 12
+_ROUNDS, _STEPS = 5, 12
 _WHITE_SD = 0.35  # of log RAW of what is just white in the JPEG, over cameras
 _DARKEST = 1e-4
 
