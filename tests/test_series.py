@@ -163,6 +163,32 @@ def test_merged_radiance_is_near_the_truth():
     assert np.median(np.abs(ratio / np.median(ratio) - 1)) < 0.04
 
 
+def test_stray_light_in_dark_frames_does_not_reach_the_merged_image():
+    """Frames that are too short show levels 1 to 4 whatever the light was; the longer ones know better."""
+    rng = np.random.default_rng(0)
+    light = 10 ** rng.uniform(-3.5, -0.5, (100, 100))
+    stops = np.arange(-10.0, 1.0)
+    seen = [np.rint(255 * (light * 2**stop) ** (1 / 2.2) + rng.normal(0, 1, light.shape)) for stop in stops]
+    stray = [np.maximum(image, rng.integers(1, 5, light.shape)).clip(0, 255).astype(np.uint8) for image in seen]
+    error = np.abs(merge_series(stray, stops, GRID**2.2).radiance / light - 1)
+    assert np.median(error) < 0.05
+    assert np.quantile(error, 0.95) < 0.6
+    darkest = merge_series([image // 64 for image in stray], stops, GRID**2.2)  # what no frame shows well is not lost
+    assert (darkest.radiance[stray[-1] >= 64] > 0).all()
+
+
+def test_a_scene_that_is_mostly_dark_is_calibrated_channel_by_channel():
+    rng = np.random.default_rng(1)
+    light = 10 ** rng.uniform(-1.5, -0.3, (160, 240, 3)).repeat(5, axis=0)[:160].repeat(5, axis=1)[:, :240]
+    light[:, 40:] = 1e-5  # two levels in the longest exposure
+    stops = np.arange(-6.0, 1.0)
+    seen = [255 * (light * 2**stop) ** (1 / 2.2) + rng.normal(0, 0.6, light.shape) for stop in stops]
+    found = calibrate_series([image.clip(1, 255).astype(np.uint8) for image in seen], stops, load_model("PPISP-4"))
+    assert len(found.curves) == 3
+    for curve in found.curves:
+        assert scaled_rmse(np.append(curve[:600], np.zeros(424)), np.append(GRID[:600] ** 2.2, np.zeros(424))) < 0.01
+
+
 SERIES = st.tuples(
     st.tuples(st.integers(1, 30), st.integers(1, 30)),
     st.lists(st.integers(-12, 12), min_size=2, max_size=5, unique=True),

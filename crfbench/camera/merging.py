@@ -61,7 +61,8 @@ def merge_series(
     Returns
     -------
     Merged
-        Pixels at 0 or from 254/255 of full scale weigh nothing. Where a channel is clipped in all exposures, its
+        Pixels at 0 or from 254/255 of full scale weigh nothing, and those below their own noise nothing but in the
+        longest exposure. Where a channel is clipped in all exposures, its
         radiance is the nearest end of what could be measured: 0, or what just saturates the least exposure.
 
     Examples
@@ -77,11 +78,14 @@ def merge_series(
         raise InputError(f"noise={noise!r} is out of range; use a number between 0 and 1, such as 0.01")
     height, width, channels = arrays[0].shape
     tables = _tables(*_curves(response, channels), np.iinfo(arrays[0].dtype).max + 1, noise)
+    # Below its own noise a pixel may be stray light, which a short exposure makes large, so the longest alone tells it.
+    clear = [*(np.where(tables[0] < 1.0, np.float32(0), table) for table in tables[:2]), tables[2]]
+    each = [tables if exposure == light.max() else clear for exposure in light]
     radiance = np.empty(arrays[0].shape, dtype=np.float32)
     weight = np.empty((height, width), dtype=np.float32)
     step = max(1, _PART // width)
     for rows in (slice(first, first + step) for first in range(0, height, step)):
-        radiance[rows], weight[rows] = _merged([array[rows] for array in arrays], light, tables)
+        radiance[rows], weight[rows] = _merged([array[rows] for array in arrays], light, each)
     return Merged(radiance.reshape(np.shape(images[0])), weight)
 
 
@@ -123,11 +127,13 @@ def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[
     return [table.T[:, None].astype(np.float32) for table in (weight, weight * g, bound)]
 
 
-def _merged(images: Sequence[Image], light: Array, tables: Sequence[NDArray[np.float32]]) -> tuple[Array, Array]:
+def _merged(
+    images: Sequence[Image], light: Array, tables: Sequence[Sequence[NDArray[np.float32]]]
+) -> tuple[Array, Array]:
     """Merge some rows of all images, (h, w, c) each, to radiance (h, w, c) and weight (h, w)."""
     total, weighted, bound = np.zeros((3, *images[0].shape), dtype=np.float32)
-    for image, exposure in zip(images, light, strict=True):
-        weight, times, least = (_look_up(image, table) for table in tables)
+    for image, exposure, own in zip(images, light, tables, strict=True):
+        weight, times, least = (_look_up(image, table) for table in own)
         total += weight
         weighted += times / np.float32(exposure)
         np.maximum(bound, least / np.float32(exposure), out=bound)

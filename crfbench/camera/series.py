@@ -238,8 +238,9 @@ def _drawn(blocks: Array, stops: Array, n: int, rng: np.random.Generator) -> Arr
     if not usable.any():
         raise InputError(f"none of {usable.size} blocks is unclipped in two exposures; use less extreme exposures")
     candidates = blocks[..., usable]
-    _check_change(candidates, stops)
-    return candidates[..., _stratified(candidates, n, rng)]
+    chosen = candidates[..., _stratified(candidates, n, rng)]
+    _check_change(chosen, stops)  # of these, as most blocks of a dark scene stay dark
+    return chosen
 
 
 def _check_change(blocks: Array, stops: Array) -> None:
