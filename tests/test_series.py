@@ -423,6 +423,23 @@ def test_photographs_that_contradict_their_exposures_are_told_apart():
     assert steps[1] < -0.5
 
 
+@pytest.mark.parametrize("row", [10, 60, 100, 150])
+def test_exposures_that_nobody_told_are_estimated_up_to_a_power(row):
+    response = load_opencrf().curves[row]
+    series = render_series(response, row, size=SIZE, stops=[0.5, -3.0, 2.0, -1.0, 1.0])
+    found = calibrate_series(series.images, None)
+    stops, truth = found.observations.exposures[0], invert(response)
+    power, start = np.polyfit(series.stops, stops, 1)
+    np.testing.assert_allclose(power * series.stops + start, stops, atol=0.15)
+    assert scaled_rmse(found.curves[0] ** (1 / power), truth) < 0.02
+    (low, high), (low_known, high_known) = (
+        each.bands[0.9] for each in (found, calibrate_series(series.images, series.stops))
+    )
+    assert ((truth >= low[0]) & (truth <= high[0]))[50:974].mean() > 0.8
+    assert (high - low).mean() > 2 * (high_known - low_known).mean()
+    assert "any power of the curve fits as well" in found.warnings[0][-1]
+
+
 def test_a_floor_that_does_not_follow_the_exposure_is_found_and_told():
     series = render_series(load_opencrf().curves[5], 3, size=(192, 128), stops=np.arange(-4.0, 3.0), decades=4.5)
     assert not black_floor(series.images, series.stops, calibrate_series(series.images, series.stops).curves).any()

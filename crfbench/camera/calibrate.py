@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _LEVEL = 0.9
+_ESTIMATE = "estimate"  # of exposures
 _CONTRADICTS = 0.5  # stops, between two photographs
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 
@@ -76,7 +77,8 @@ def calibrate(
     exposures : sequence, path or "names", optional
         Exposure times of the photographs in any unit, in the order given, or in natural order of a folder: numbers,
         fractions such as "1/60", a file of them or those in the names, as `plan_photographs` takes them; default by
-        EXIF. Refused where every photograph of a chart has its RAW file, as those tell the exposures better.
+        EXIF. "estimate": those that best explain the photographs, whatever is told. Given ones are refused where every
+        photograph of a chart has its RAW file, as those tell the exposures better.
     model : str
         Name of a bundled model of direction "inverse".
     created : str
@@ -100,12 +102,17 @@ def calibrate(
     if white_level is not None:
         check_count("white_level", white_level, 255, 65535)
     key = _inverse_model(model)
-    plan = plan_photographs(given, exposures, chart != "none", white_level)
+    estimated = isinstance(exposures, str) and exposures == _ESTIMATE
+    plan = plan_photographs(given, None if estimated else exposures, chart != "none", white_level)
     for text in (plan.table(), *plan.notes) if plan.pairs else ():
         say(text)
     if chart == "none":
-        return _from_series(plan, _NOMINAL if exposures is None else _EXACT, key, channels == "rgb", created)
-    return _from_chart(plan, None if chart == "auto" else Path(chart), exposures is not None, key, created)
+        error = None if estimated else _NOMINAL if exposures is None else _EXACT
+        return _from_series(plan, error, key, channels == "rgb", created)
+    if estimated:
+        plan = replace(plan, stops=np.full_like(plan.stops, np.nan))
+    timed = exposures is not None and not estimated
+    return _from_chart(plan, None if chart == "auto" else Path(chart), timed, key, created)
 
 
 def _inverse_model(name: str) -> ModelKey:
@@ -134,8 +141,11 @@ def _from_chart(plan: Plan, labels: Path | None, timed: bool, key: ModelKey, cre
     return CameraCalibration(passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes)
 
 
-def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: str) -> CameraCalibration:
+def _from_series(plan: Plan, error: float | None, key: ModelKey, rgb: bool, created: str) -> CameraCalibration:
+    """Calibrate from exposures that err by so many stops, or without `error` from none."""
     model = key.load()
+    if error is None:
+        plan = replace(plan, stops=np.zeros(len(plan.pairs)))
     images, used = read_planned(plan)
     if len(images) < 2:
         left = "".join(f", {pair.jpeg.name}" for pair in used.pairs)
@@ -143,13 +153,15 @@ def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, created: st
             f"{len(images)} photographs of a series are left{left} ({_reasons(used.problems)}); use two or more"
         )
     notes = plan.notes
+    stops, error = None if error is None else used.stops, error or _EXACT
     try:
-        calibration = calibrate_series(images, used.stops, model, per_channel=rgb, exposure_error=error)
+        calibration = calibrate_series(images, stops, model, per_channel=rgb, exposure_error=error)
     except InputError as problem:  # one channel may be too dark by itself
-        calibration = calibrate_series(images, used.stops, model, per_channel=False, exposure_error=error)
+        calibration = calibrate_series(images, stops, model, per_channel=False, exposure_error=error)
         notes = [*notes, f"one curve stands for all channels, for by themselves {problem}"]
     passport = _passport(calibration, key, used, created)
-    merged = merge_series(images, used.stops, calibration)
+    told = calibration.observations.exposures  # the estimated ones too
+    merged = merge_series(images, used.stops if told is None else told[0], calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
 
@@ -161,11 +173,12 @@ def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
         return []
     order = np.argsort(given[0], kind="stable")
     steps, off = np.diff(given[0, order]), np.diff(np.median(calibration.exposure_errors, axis=0)[order])
-    return [
+    said = [
         f"{names[late]} is {round(step + more, 1) + 0.0:.1f} stops above {names[early]}; its exposure says {step:.1f}"
         for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
         if abs(more) > _CONTRADICTS
     ]
+    return [*said, "where exposures are wrong, --exposures estimate takes the photographs' word"] if said else []
 
 
 def _passport(calibration: Calibration, key: ModelKey, used: Plan, created: str) -> Passport:

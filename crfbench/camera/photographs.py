@@ -350,7 +350,7 @@ def _seconds(text: Any) -> float:
         time = float(over) / float(under or 1)
         if 0 < time < np.inf:
             return time
-    kinds = "times above 0 such as 0.5 or 1/60, a file of them that is there, exif or names"
+    kinds = "times above 0 such as 0.5 or 1/60, a file of them that is there, exif, estimate or names"
     raise InputError(f"{str(text)[:40]!r} is not an exposure time; use {kinds}")
 
 

@@ -5,6 +5,7 @@ What a series is calibrated from are small flat blocks of the photographs that c
 
 from collections.abc import Sequence
 from dataclasses import replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -30,12 +31,13 @@ _READING, _FINE = 0.005, 0.1
 # Of the black floor: pixels that are looked at, stops to the next longer exposure, levels of 255 that may be floor and
 # that have risen so far that they say nothing, share of the pixels that three levels need.
 _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200, 0.0007
+_FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
 
 
 def calibrate_series(
     images: Sequence[ArrayLike],
-    exposures: ArrayLike,
+    exposures: ArrayLike | None,
     model: ResponseModel | None = None,
     method: str = "posterior",
     *,
@@ -49,7 +51,8 @@ def calibrate_series(
     Parameters
     ----------
     images, exposures
-        As in `sample_series`.
+        As in `sample_series`. Exposures that are None are estimated too: then a power of the curve explains the
+        photographs as well, it is the one most usual in curves of the model, and the band holds the others.
     model : ResponseModel, optional
         Of direction "inverse", with prior and discrepancy; by default `crfbench.models.DEFAULT_MODEL`.
     method : {"posterior", "map"}
@@ -65,6 +68,8 @@ def calibrate_series(
         A curve for each channel, coupled, or without `per_channel` one for all. Exposures alone tell no scale: where
         the data do not reach, that the curve ends in (1, 1) is the model's word.
     """
+    if exposures is None:
+        return _estimated(images, model or load_model(DEFAULT_MODEL), method, n, seed, per_channel)
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
@@ -75,6 +80,32 @@ def calibrate_series(
     light = observations.brightness > floor[:, None, None]
     found = calibrate(model, _weighted(observations, light), method, channels=channels, noise=noise, seed=seed)
     return _above_floor(found, floor)
+
+
+def _estimated(
+    images: Sequence[ArrayLike], model: ResponseModel, method: str, n: int, seed: int, per_channel: bool
+) -> Calibration:
+    """Calibrate a series whose exposures nobody told: curve and exposures come from the photographs, up to a power."""
+    order = np.argsort(np.argsort([np.mean(image) for image in as_series(images)], kind="stable")).astype(np.float64)
+    same: dict[str, Any] = {"n": n, "seed": seed, "per_channel": per_channel}
+    free = calibrate_series(images, order, model, method, exposure_error=_FREE, **same)
+    middle = (GRID > 0.1) & (GRID < 0.9)
+    both = (model.decode(model.sample(256, seed)), free.curves)
+    usual, ours = (np.log(np.maximum(curves[:, middle], _LEAST)).mean(axis=1) for curves in both)
+    stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
+    found = calibrate_series(images, stops, model, method, **same)
+    power = usual.std() / abs(usual.mean())  # its relative standard deviation
+    bands = {level: _with_power(found.curves, band, power, level) for level, band in found.bands.items()}
+    said = "the exposures are estimated from the photographs: any power of the curve fits as well, as its band says"
+    return replace(found, bands=bands, warnings=tuple((*texts, said) for texts in found.warnings))
+
+
+def _with_power(curves: Array, band: tuple[Array, Array], power: float, level: float) -> tuple[Array, Array]:
+    """Widen a band in log irradiance by an uncertain power of the curves."""
+    logs = np.log(np.maximum(curves, _LEAST))
+    wide = NormalDist().inv_cdf(0.5 + level / 2) * power * np.abs(logs)
+    low, high = (np.hypot(np.log(np.maximum(edge, _LEAST)) - logs, wide) for edge in band)
+    return curves * np.exp(-low), curves * np.exp(high)
 
 
 def black_floor(images: Sequence[ArrayLike], exposures: ArrayLike, curves: Array) -> Array:
