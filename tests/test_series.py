@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from crfbench.camera import Passport, calibrate_series, merge_series, read_series, render_series, write_hdr
-from crfbench.camera.series import black_floor, sample_series
+from crfbench.camera.series import black_floor, reduce_image, sample_series
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.errors import InputError
@@ -242,6 +242,31 @@ def test_merging_needs_little_memory_beside_its_result():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < merged.radiance.nbytes + merged.weight.nbytes + 40e6
+
+
+def test_photographs_that_are_read_one_by_one_are_not_held():
+    images = (np.full((1000, 2000, 3), level, np.uint8) for level in range(20, 220, 10))  # 120 MB
+    tracemalloc.start()
+    merged = merge_series(images, range(20), GRID)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2 * merged.radiance.nbytes + merged.weight.nbytes + 50e6
+
+
+def test_what_a_photograph_is_reduced_to_calibrates_alike_and_is_small():
+    series = render_series(GAMMA, 2, size=SIZE)
+    whole, reduced = calibrate_series(series.images, series.stops), [reduce_image(each) for each in series.images]
+    np.testing.assert_array_equal(calibrate_series(reduced, series.stops).curves, whole.curves)
+    large = reduce_image(np.random.default_rng(0).integers(0, 255, (3000, 4000, 3), np.uint8))
+    assert large.blocks.nbytes + large.pixels.nbytes < 8e6
+    assert large.blocks.shape[2] > 60_000
+
+
+def test_many_photographs_are_sampled_more_thinly():
+    series = render_series(GAMMA, 1, size=(75, 50), stops=np.linspace(-3, 3, 400))
+    seen = sample_series(series.images, series.stops)
+    assert seen.brightness.shape[1] == 400
+    assert 32 <= seen.brightness.shape[2] <= 2**15 // 400
 
 
 FLAT = np.full((20, 20, 3), 90, np.uint8)

@@ -14,7 +14,9 @@ from crfbench.camera.measuring import MeasuredChart, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
-from crfbench.camera.series import calibrate_series
+from crfbench.camera.reading import read_levels
+from crfbench.camera.series import calibrate_series, reduce_photograph
+from crfbench.camera.worker import WORKER
 from crfbench.checks import check_choice, check_count
 from crfbench.curves import repair
 from crfbench.datasets.chart import load_labels
@@ -146,7 +148,7 @@ def _from_series(plan: Plan, error: float | None, key: ModelKey, rgb: bool, crea
     model = key.load()
     if error is None:
         plan = replace(plan, stops=np.zeros(len(plan.pairs)))
-    images, used = read_planned(plan)
+    images, used = read_planned(plan, reduce_photograph)
     if len(images) < 2:
         left = "".join(f", {pair.jpeg.name}" for pair in used.pairs)
         raise InputError(
@@ -161,7 +163,8 @@ def _from_series(plan: Plan, error: float | None, key: ModelKey, rgb: bool, crea
         notes = [*notes, f"one curve stands for all channels, for by themselves {problem}"]
     passport = _passport(calibration, key, used, created)
     told = calibration.observations.exposures  # the estimated ones too
-    merged = merge_series(images, used.stops if told is None else told[0], calibration)
+    again = (WORKER.run(read_levels, pair.jpeg, used.white_level) for pair in used.pairs)  # one by one: 18 may be large
+    merged = merge_series(again, used.stops if told is None else told[0], calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
 
