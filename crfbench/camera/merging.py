@@ -88,7 +88,10 @@ def merge_series(
             known = tables if exposure == light.max() else clear
             _add(image[rows], np.float32(exposure), known, total[rows], weighted[rows])
     np.divide(weighted, total, out=weighted, where=total > 0)
-    return Merged(weighted if weighted.shape[2] == 3 else weighted[..., 0], total.min(axis=2))
+    least = total[..., 0]
+    for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
+        np.minimum(least, other, out=least)
+    return Merged(weighted if weighted.shape[2] == 3 else weighted[..., 0], least.copy())
 
 
 def _curves(response: Calibration | Passport | ArrayLike, channels: int) -> tuple[Array, Array]:
@@ -143,12 +146,13 @@ def _add(
     weighted: NDArray[np.float32],
 ) -> None:
     """Add what some rows of a photograph say; where nothing is measured yet, `weighted` holds the nearest end."""
-    weight, times, bound = (_look_up(image, table) for table in tables)
-    open_ended = total == 0
-    np.maximum(weighted, bound / exposure, out=weighted, where=open_ended)
-    weighted[open_ended & (weight > 0)] = 0
+    weight, times = (_look_up(image, table) for table in tables[:2])
+    if (open_ended := total == 0).any():
+        np.maximum(weighted, _look_up(image, tables[2]) / exposure, out=weighted, where=open_ended)
+        weighted[open_ended & (weight > 0)] = 0
     total += weight
-    weighted += times / exposure
+    times /= exposure
+    weighted += times
 
 
 def _look_up(image: Image, table: NDArray[np.float32]) -> NDArray[np.float32]:
