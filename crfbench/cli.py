@@ -191,7 +191,7 @@ def calibrate(
     source: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the files.")],
     chart: Annotated[str, typer.Option(help="auto, none (an exposure series), or a file of labels")] = "auto",
     exposures: Annotated[
-        str, typer.Option(help="exif, times such as 1/60,1/30,1/15, a file of lines name time, or names")
+        str, typer.Option(help="exif, estimate, times such as 1/60,1/30,1/15, a file of lines name time, or names")
     ] = "exif",
     model: Annotated[str, typer.Option(help="Name of a model, such as SLR-ldl-3 or PPISP-4.")] = "Kernel-8",
     channels: Annotated[

@@ -135,6 +135,28 @@ def test_raw_and_chart_agree_on_a_neutral_camera(folder):
     np.testing.assert_allclose(ratio / ratio.mean(), 1.0, atol=0.15)
 
 
+def test_exposures_that_contradict_the_photographs_can_be_estimated(tmp_path):
+    series = camera.render_series(GRID ** (1 / 2.2), 4, size=(96, 64))
+    for name, image in zip("abcde", series.images, strict=True):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image[..., ::-1])
+    wrong = camera.calibrate(tmp_path, "none", [1, 2, 16, 32, 64])
+    assert "--exposures estimate" in wrong.warnings[-1]
+    assert any(text.startswith("c is ") and "its exposure says 3.0" in text for text in wrong.warnings)
+    right = camera.calibrate(tmp_path, "none", "estimate")
+    assert not any("stops above" in text for text in right.warnings)
+    stops = right.calibration.observations.exposures[0]
+    np.testing.assert_allclose(np.diff(stops), np.diff(stops).mean(), atol=0.15)
+    light = right.merged.radiance[right.merged.weight > 0]
+    assert np.isfinite(light).all()
+
+
+def test_without_raw_files_the_chart_estimates_the_exposures(folder, tmp_path):
+    for path in sorted(folder.glob("*.jpg")):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    found = camera.calibrate(tmp_path, exposures="estimate")
+    assert found.calibration.observations.exposures is None
+
+
 def jpegs(result):
     return sorted(result.photographs.values())
 

@@ -21,7 +21,7 @@ from crfbench.camera import (
     render_series,
     write_hdr,
 )
-from crfbench.camera.series import black_floor, sample_series
+from crfbench.camera.series import black_floor, reduce_image, sample_series
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.errors import InputError
@@ -65,11 +65,10 @@ def test_photographs_from_the_hand_are_laid_over_each_other():
     off = np.array([[9, -4], [-7, 11], [0, 0], [3, 12], [-12, -6]])
     shaken = [np.roll(image, (y, x), (0, 1)) for image, (x, y) in zip(series.images, off, strict=True)]
     images, shifts = align_series(shaken, series.stops)
-    assert np.array_equal(shifts - shifts[2], off - off[2])
+    assert np.array_equal(shifts, off[2] - off)
     inside = np.s_[24:-24, 24:-24]
-    x, y = -shifts[2].astype(int)  # where the middle one itself ended
     for image, still in zip(images, series.images, strict=True):
-        assert np.array_equal(np.roll(image, (-y, -x), (0, 1))[inside], still[inside])
+        assert np.array_equal(image[inside], still[inside])
     before, after = (
         scaled_rmse(calibrate_series(each, series.stops).curves[1], invert(response)) for each in (shaken, images)
     )
@@ -208,6 +207,32 @@ def test_merged_radiance_is_near_the_truth():
     assert np.median(np.abs(ratio / np.median(ratio) - 1)) < 0.04
 
 
+def test_stray_light_in_dark_frames_does_not_reach_the_merged_image():
+    """Frames that are too short show levels 1 to 4 whatever the light was; the longer ones know better."""
+    rng = np.random.default_rng(0)
+    light = 10 ** rng.uniform(-3.5, -0.5, (100, 100))
+    stops = np.arange(-10.0, 1.0)
+    seen = [np.rint(255 * (light * 2**stop) ** (1 / 2.2) + rng.normal(0, 1, light.shape)) for stop in stops]
+    stray = [np.maximum(image, rng.integers(1, 5, light.shape)).clip(0, 255).astype(np.uint8) for image in seen]
+    error = np.abs(merge_series(stray, stops, GRID**2.2).radiance / light - 1)
+    assert np.median(error) < 0.05
+    assert np.quantile(error, 0.95) < 0.6
+    darkest = merge_series([image // 64 for image in stray], stops, GRID**2.2)  # what no frame shows well is not lost
+    assert (darkest.radiance[stray[-1] >= 64] > 0).all()
+
+
+def test_a_scene_that_is_mostly_dark_is_calibrated_channel_by_channel():
+    rng = np.random.default_rng(1)
+    light = 10 ** rng.uniform(-1.5, -0.3, (160, 240, 3)).repeat(5, axis=0)[:160].repeat(5, axis=1)[:, :240]
+    light[:, 40:] = 1e-5  # two levels in the longest exposure
+    stops = np.arange(-6.0, 1.0)
+    seen = [255 * (light * 2**stop) ** (1 / 2.2) + rng.normal(0, 0.6, light.shape) for stop in stops]
+    found = calibrate_series([image.clip(1, 255).astype(np.uint8) for image in seen], stops, load_model("PPISP-4"))
+    assert len(found.curves) == 3
+    for curve in found.curves:
+        assert scaled_rmse(np.append(curve[:600], np.zeros(424)), np.append(GRID[:600] ** 2.2, np.zeros(424))) < 0.01
+
+
 SERIES = st.tuples(
     st.tuples(st.integers(1, 30), st.integers(1, 30)),
     st.lists(st.integers(-12, 12), min_size=2, max_size=5, unique=True),
@@ -261,6 +286,31 @@ def test_merging_needs_little_memory_beside_its_result():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < merged.radiance.nbytes + merged.weight.nbytes + 40e6
+
+
+def test_photographs_that_are_read_one_by_one_are_not_held():
+    images = (np.full((1000, 2000, 3), level, np.uint8) for level in range(20, 220, 10))  # 120 MB
+    tracemalloc.start()
+    merged = merge_series(images, range(20), GRID)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2 * merged.radiance.nbytes + merged.weight.nbytes + 50e6
+
+
+def test_what_a_photograph_is_reduced_to_calibrates_alike_and_is_small():
+    series = render_series(GAMMA, 2, size=SIZE)
+    whole, reduced = calibrate_series(series.images, series.stops), [reduce_image(each) for each in series.images]
+    np.testing.assert_array_equal(calibrate_series(reduced, series.stops).curves, whole.curves)
+    large = reduce_image(np.random.default_rng(0).integers(0, 255, (3000, 4000, 3), np.uint8))
+    assert large.blocks.nbytes + large.pixels.nbytes < 8e6
+    assert large.blocks.shape[2] > 60_000
+
+
+def test_many_photographs_are_sampled_more_thinly():
+    series = render_series(GAMMA, 1, size=(75, 50), stops=np.linspace(-3, 3, 400))
+    seen = sample_series(series.images, series.stops)
+    assert seen.brightness.shape[1] == 400
+    assert 32 <= seen.brightness.shape[2] <= 2**15 // 400
 
 
 FLAT = np.full((20, 20, 3), 90, np.uint8)
@@ -440,6 +490,23 @@ def test_photographs_that_contradict_their_exposures_are_told_apart():
     steps = np.diff(found.exposure_errors, axis=1)[0]
     assert steps.argmin() == 1
     assert steps[1] < -0.5
+
+
+@pytest.mark.parametrize("row", [10, 60, 100, 150])
+def test_exposures_that_nobody_told_are_estimated_up_to_a_power(row):
+    response = load_opencrf().curves[row]
+    series = render_series(response, row, size=SIZE, stops=[0.5, -3.0, 2.0, -1.0, 1.0])
+    found = calibrate_series(series.images, None)
+    stops, truth = found.observations.exposures[0], invert(response)
+    power, start = np.polyfit(series.stops, stops, 1)
+    np.testing.assert_allclose(power * series.stops + start, stops, atol=0.15)
+    assert scaled_rmse(found.curves[0] ** (1 / power), truth) < 0.02
+    (low, high), (low_known, high_known) = (
+        each.bands[0.9] for each in (found, calibrate_series(series.images, series.stops))
+    )
+    assert ((truth >= low[0]) & (truth <= high[0]))[50:974].mean() > 0.8
+    assert (high - low).mean() > 2 * (high_known - low_known).mean()
+    assert "any power of the curve fits as well" in found.warnings[0][-1]
 
 
 def test_a_floor_that_does_not_follow_the_exposure_is_found_and_told():

@@ -5,7 +5,6 @@
 >>> paths = list(camera.write_outputs(result, "calibrated"))  # doctest: +SKIP
 """
 
-from crfbench.camera.aligning import align_series
 from crfbench.camera.calibrate import CameraCalibration, calibrate
 from crfbench.camera.formats import FORMATS, read_response, write_response
 from crfbench.camera.measuring import chart_table
@@ -14,7 +13,7 @@ from crfbench.camera.outputs import linearise_file, linearised_patches, matrix_t
 from crfbench.camera.passport import Passport, linearise
 from crfbench.camera.photographs import pair_photographs, read_series
 from crfbench.camera.reading import read_image
-from crfbench.camera.series import calibrate_series
+from crfbench.camera.series import align_series, calibrate_series
 from crfbench.camera.synthetic import EXAMPLE_FOLDER, render_series
 from crfbench.datasets.chart import load_labels, save_labels
 

@@ -1,67 +1,59 @@
-"""Lay the photographs of an exposure series from the hand over each other."""
+"""Find by how much the photographs of a series from the hand are off each other, and shift them."""
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from crfbench.camera.series import Image, as_series, as_stops
 from crfbench.curves import Array
 
 _WIDEST = 1024  # pixels along the longer side of the pictures that are compared
 _SURE = 0.3  # of the peak of phase correlation, which is 1 for the same picture and near 0 for another
 
 
-def align_series(images: Sequence[ArrayLike], exposures: ArrayLike) -> tuple[list[Image], Array]:
-    """Shift the photographs of a series by whole pixels to where they show the same.
-
-    Each is compared with that of the next exposure by phase correlation of the green channel, equalised, which no
-    response and no exposure changes (Kuglin and Hines 1975). Where two do not correlate, nothing is shifted.
-
-    Parameters
-    ----------
-    images, exposures
-        As in `crfbench.camera.sample_series`.
-
-    Returns
-    -------
-    images : list of ndarray
-        Of the same shapes, 0 where a photograph shows nothing.
-    shifts : ndarray, shape (e, 2)
-        By how many columns and rows the content of each was off the one of middle exposure.
-    """
-    arrays = as_series(images)
-    order = np.argsort(as_stops(exposures, len(arrays)), kind="stable")
-    pictures = [_equalised(array) for array in arrays]
-    scale = max(1.0, max(arrays[0].shape[:2]) / _WIDEST)
-    steps = [scale * _shift(pictures[early], pictures[late]) for early, late in pairwise(order)]
-    along = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    shifts = np.empty_like(along)
-    shifts[order] = np.rint(along - along[len(order) // 2])
-    return [_moved_by(array, *(-shift).astype(int)) for array, shift in zip(arrays, shifts, strict=True)], shifts
-
-
-def _equalised(array: Image) -> NDArray[np.float32]:
+def equalised(array: NDArray[Any]) -> NDArray[np.uint8]:
+    """Reduce the green channel of an image (h, w, c) of 8 or 16 bits to what no response and no exposure changes."""
     import cv2
 
     plane = array[..., array.shape[2] // 2]
     levels = np.ascontiguousarray(plane >> 8 if plane.dtype == np.uint16 else plane).astype(np.uint8)
     scale = min(1.0, _WIDEST / max(levels.shape))
-    small = cv2.resize(levels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else levels
-    return np.asarray(cv2.equalizeHist(small), dtype=np.float32)
+    size = tuple(max(1, round(scale * length)) for length in levels.shape[::-1])
+    return np.asarray(cv2.equalizeHist(cv2.resize(levels, size, interpolation=cv2.INTER_AREA)), dtype=np.uint8)
 
 
-def _shift(first: NDArray[np.float32], second: NDArray[np.float32]) -> Array:
-    """Return by how many columns and rows the second picture is off the first, 0 where that is not sure."""
-    import cv2
+def find_shifts(pictures: Sequence[NDArray[np.uint8]], stops: Array, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Say by how many whole columns and rows to shift each photograph to where they all show the same.
 
-    window = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
-    found, sure = cv2.phaseCorrelate(first, second, window)
-    return np.array(found if sure > _SURE else (0.0, 0.0))
+    Each is compared with that of the next exposure, by phase correlation (Kuglin and Hines 1975). Where two do not
+    correlate, they count as aligned.
+
+    Parameters
+    ----------
+    pictures : sequence of ndarray
+        From `equalised`.
+    stops : ndarray, shape (e,)
+        Exposures; the photograph of the middle one stays where it is.
+    shape : tuple
+        Of the photographs.
+
+    Returns
+    -------
+    ndarray, shape (e, 2)
+    """
+    order = np.argsort(stops, kind="stable")
+    scale = max(shape[:2]) / max(pictures[0].shape)
+    steps = [scale * _shift(pictures[early], pictures[late]) for early, late in pairwise(order)]
+    along = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    shifts = np.empty(along.shape, dtype=np.intp)
+    shifts[order] = np.rint(along[len(order) // 2] - along)
+    return shifts
 
 
-def _moved_by(array: Image, columns: int, rows: int) -> Image:
+def shifted(array: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
+    """Shift the content of an image (h, w) or (h, w, c) right and down; what comes in from outside is 0."""
     moved = np.zeros_like(array)
     height, width = array.shape[:2]
     to, source = (
@@ -70,3 +62,12 @@ def _moved_by(array: Image, columns: int, rows: int) -> Image:
     )
     moved[to] = array[source]
     return moved
+
+
+def _shift(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Array:
+    """Return by how many columns and rows the second picture is off the first, 0 where that is not sure."""
+    import cv2
+
+    window = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
+    found, sure = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
+    return np.array(found if sure > _SURE else (0.0, 0.0))

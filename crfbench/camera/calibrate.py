@@ -2,23 +2,26 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crfbench.calibration import Calibration
 from crfbench.calibration import calibrate as calibrate_observations
 from crfbench.calibration.colour import ColourCalibration, calibrate_colour
-from crfbench.camera.aligning import align_series
+from crfbench.camera.aligning import find_shifts, shifted
 from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
-from crfbench.camera.series import calibrate_series
+from crfbench.camera.reading import read_levels
+from crfbench.camera.series import calibrate_series, reduce_photograph
+from crfbench.camera.worker import WORKER
 from crfbench.checks import check_choice, check_count
-from crfbench.curves import Array, repair
+from crfbench.curves import repair
 from crfbench.datasets.chart import load_labels
 from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ModelKey
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _LEVEL = 0.9
+_ESTIMATE = "estimate"  # of exposures
 _CONTRADICTS = 0.5  # stops, between two photographs
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 
@@ -82,7 +86,8 @@ def calibrate(
     exposures : sequence, path or "names", optional
         Exposure times of the photographs in any unit, in the order given, or in natural order of a folder: numbers,
         fractions such as "1/60", a file of them or those in the names, as `plan_photographs` takes them; default by
-        EXIF. Refused where every photograph of a chart has its RAW file, as those tell the exposures better.
+        EXIF. "estimate": those that best explain the photographs, whatever is told. Given ones are refused where every
+        photograph of a chart has its RAW file, as those tell the exposures better.
     model : str
         Name of a bundled model of direction "inverse".
     created : str
@@ -110,16 +115,19 @@ def calibrate(
     if white_level is not None:
         check_count("white_level", white_level, 255, 65535)
     key = _inverse_model(model)
-    plan = plan_photographs(given, exposures, chart != "none", white_level)
+    estimated = isinstance(exposures, str) and exposures == _ESTIMATE
+    plan = plan_photographs(given, None if estimated else exposures, chart != "none", white_level)
     for text in (plan.table(), *plan.notes) if plan.pairs else ():
         say(text)
     if chart == "none":
-        error = _NOMINAL if exposures is None else _EXACT
+        error = None if estimated else _NOMINAL if exposures is None else _EXACT
         result = _from_series(plan, error, key, channels == "rgb", align == "auto", created)
         for text in result.notes[len(plan.notes) :]:
             say(text)
         return result
-    labels, timed = None if chart == "auto" else Path(chart), exposures is not None
+    if estimated:
+        plan = replace(plan, stops=np.full_like(plan.stops, np.nan))
+    labels, timed = None if chart == "auto" else Path(chart), exposures is not None and not estimated
     return _from_chart(plan, labels, timed, key, channels == "rgb", created)
 
 
@@ -156,33 +164,48 @@ def _from_chart(
     )
 
 
-def _from_series(plan: Plan, error: float, key: ModelKey, rgb: bool, align: bool, created: str) -> CameraCalibration:
+def _from_series(
+    plan: Plan, error: float | None, key: ModelKey, rgb: bool, align: bool, created: str
+) -> CameraCalibration:
+    """Calibrate from exposures that err by so many stops, or without `error` from none."""
     model = key.load()
-    images, used = read_planned(plan)
+    if error is None:
+        plan = replace(plan, stops=np.zeros(len(plan.pairs)))
+    images, used = read_planned(plan, reduce_photograph)
     if len(images) < 2:
         left = "".join(f", {pair.jpeg.name}" for pair in used.pairs)
         raise InputError(
             f"{len(images)} photographs of a series are left{left} ({_reasons(used.problems)}); use two or more"
         )
     notes = plan.notes
-    if align:
-        images, shifts = align_series(images, used.stops)
-        notes = [*notes, *_shifted(shifts, [pair.name for pair in used.pairs])]
+    shifts = find_shifts([image.picture for image in images], used.stops, images[0].shape) if align else None
+    if shifts is not None and shifts.any():
+        notes = [*notes, _shifted(shifts, [pair.name for pair in used.pairs])]
+        images = [
+            WORKER.run(reduce_photograph, pair.jpeg, used.white_level, tuple(shift)) if shift.any() else image
+            for pair, shift, image in zip(used.pairs, shifts, images, strict=True)
+        ]
+    stops, error = None if error is None else used.stops, error or _EXACT
     try:
-        calibration = calibrate_series(images, used.stops, model, per_channel=rgb, exposure_error=error)
+        calibration = calibrate_series(images, stops, model, per_channel=rgb, exposure_error=error)
     except InputError as problem:  # one channel may be too dark by itself
-        calibration = calibrate_series(images, used.stops, model, per_channel=False, exposure_error=error)
+        calibration = calibrate_series(images, stops, model, per_channel=False, exposure_error=error)
         notes = [*notes, f"one curve stands for all channels, for by themselves {problem}"]
     passport = _passport(calibration, key, used, created)
-    merged = merge_series(images, used.stops, calibration)
+    told = calibration.observations.exposures  # the estimated ones too
+    # Read again one by one: 18 may be large.
+    again = (WORKER.run(read_levels, pair.jpeg, used.white_level) for pair in used.pairs)
+    if shifts is not None:
+        again = (shifted(image, *shift) for image, shift in zip(again, shifts, strict=True))
+    merged = merge_series(again, used.stops if told is None else told[0], calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
 
 
-def _shifted(shifts: Array, names: list[str]) -> list[str]:
+def _shifted(shifts: NDArray[np.intp], names: list[str]) -> str:
     """Name the photographs that were shifted, and by how much."""
-    moved = [f"{name} by {x:+.0f}, {y:+.0f}" for name, (x, y) in zip(names, -shifts, strict=True) if x or y]
-    return [f"shifted to lie over the others, in pixels: {', '.join(moved)}"] if moved else []
+    moved = [f"{name} by {x:+d}, {y:+d}" for name, (x, y) in zip(names, shifts, strict=True) if x or y]
+    return f"shifted to lie over the others, in pixels: {', '.join(moved)}"
 
 
 def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
@@ -192,11 +215,12 @@ def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
         return []
     order = np.argsort(given[0], kind="stable")
     steps, off = np.diff(given[0, order]), np.diff(np.median(calibration.exposure_errors, axis=0)[order])
-    return [
+    said = [
         f"{names[late]} is {round(step + more, 1) + 0.0:.1f} stops above {names[early]}; its exposure says {step:.1f}"
         for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
         if abs(more) > _CONTRADICTS
     ]
+    return [*said, "where exposures are wrong, --exposures estimate takes the photographs' word"] if said else []
 
 
 def _passport(

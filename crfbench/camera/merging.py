@@ -5,7 +5,7 @@ Stevenson 2003, "Estimation-theoretic approach to dynamic range enhancement usin
 doi:10.1117/1.1557695, with the uncertainty of the curve itself added.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import NormalDist
 from tempfile import TemporaryDirectory
@@ -38,7 +38,7 @@ class Merged(NamedTuple):
 
 
 def merge_series(
-    images: Sequence[ArrayLike],
+    images: Iterable[ArrayLike],
     exposures: ArrayLike,
     response: Calibration | Passport | ArrayLike,
     *,
@@ -48,8 +48,8 @@ def merge_series(
 
     Parameters
     ----------
-    images : sequence of array_like, each of shape (h, w) or (h, w, 3)
-        8 or 16 bits.
+    images : iterable of array_like, each of shape (h, w) or (h, w, 3)
+        8 or 16 bits. Taken one by one, so that an iterator need not hold them all.
     exposures : array_like, shape (e,)
         In stops.
     response : Calibration, Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
@@ -61,8 +61,9 @@ def merge_series(
     Returns
     -------
     Merged
-        Pixels at 0 or from 254/255 of full scale weigh nothing. Where a channel is clipped in all exposures, its
-        radiance is the nearest end of what could be measured: 0, or what just saturates the least exposure.
+        Pixels at 0 or from 254/255 of full scale weigh nothing, and those below their own noise nothing but in the
+        longest exposure. Where a channel is clipped in all exposures, its radiance is the nearest end of what could be
+        measured: 0, or what just saturates the least exposure.
 
     Examples
     --------
@@ -71,18 +72,26 @@ def merge_series(
     >>> print(merge_series([dark, light], [0, 2], GRID).radiance.round(3))
     [[0.2 0.4]]
     """
-    arrays = as_series(images)
-    light = 2.0 ** as_stops(exposures, len(arrays))
+    arrays = as_series(images) if isinstance(images, Sequence) else map(np.atleast_3d, images)
+    light = 2.0 ** as_stops(exposures, len(arrays) if isinstance(arrays, list) else np.size(exposures))
     if not 0 < noise < 1:
         raise InputError(f"noise={noise!r} is out of range; use a number between 0 and 1, such as 0.01")
-    height, width, channels = arrays[0].shape
-    tables = _tables(*_curves(response, channels), np.iinfo(arrays[0].dtype).max + 1, noise)
-    radiance = np.empty(arrays[0].shape, dtype=np.float32)
-    weight = np.empty((height, width), dtype=np.float32)
-    step = max(1, _PART // width)
-    for rows in (slice(first, first + step) for first in range(0, height, step)):
-        radiance[rows], weight[rows] = _merged([array[rows] for array in arrays], light, tables)
-    return Merged(radiance.reshape(np.shape(images[0])), weight)
+    total: NDArray[np.float32] = np.empty(0, dtype=np.float32)
+    weighted = total
+    for image, exposure in zip(arrays, light, strict=True):
+        if not total.size:
+            total, weighted = np.zeros((2, *image.shape), dtype=np.float32)
+            tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1, noise)
+            clear = _without_noise(tables)
+        step = max(1, _PART // image.shape[1])
+        for rows in (slice(first, first + step) for first in range(0, len(image), step)):
+            known = tables if exposure == light.max() else clear
+            _add(image[rows], np.float32(exposure), known, total[rows], weighted[rows])
+    np.divide(weighted, total, out=weighted, where=total > 0)
+    least = total[..., 0]
+    for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
+        np.minimum(least, other, out=least)
+    return Merged(weighted if weighted.shape[2] == 3 else weighted[..., 0], least.copy())
 
 
 def _curves(response: Calibration | Passport | ArrayLike, channels: int) -> tuple[Array, Array]:
@@ -123,16 +132,27 @@ def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[
     return [table.T[:, None].astype(np.float32) for table in (weight, weight * g, bound)]
 
 
-def _merged(images: Sequence[Image], light: Array, tables: Sequence[NDArray[np.float32]]) -> tuple[Array, Array]:
-    """Merge some rows of all images, (h, w, c) each, to radiance (h, w, c) and weight (h, w)."""
-    total, weighted, bound = np.zeros((3, *images[0].shape), dtype=np.float32)
-    for image, exposure in zip(images, light, strict=True):
-        weight, times, least = (_look_up(image, table) for table in tables)
-        total += weight
-        weighted += times / np.float32(exposure)
-        np.maximum(bound, least / np.float32(exposure), out=bound)
-    radiance = np.where(total > 0, weighted / np.where(total > 0, total, 1), bound)
-    return radiance, total.min(axis=2)
+def _without_noise(tables: Sequence[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
+    """Let levels below their own noise weigh nothing: they may be stray light, which a short exposure makes large."""
+    weight, times, bound = tables
+    return [*(np.where(weight < 1.0, np.float32(0), table) for table in (weight, times)), bound]
+
+
+def _add(
+    image: Image,
+    exposure: np.float32,
+    tables: Sequence[NDArray[np.float32]],
+    total: NDArray[np.float32],
+    weighted: NDArray[np.float32],
+) -> None:
+    """Add what some rows of a photograph say; where nothing is measured yet, `weighted` holds the nearest end."""
+    weight, times = (_look_up(image, table) for table in tables[:2])
+    if (open_ended := total == 0).any():
+        np.maximum(weighted, _look_up(image, tables[2]) / exposure, out=weighted, where=open_ended)
+        weighted[open_ended & (weight > 0)] = 0
+    total += weight
+    times /= exposure
+    weighted += times
 
 
 def _look_up(image: Image, table: NDArray[np.float32]) -> NDArray[np.float32]:

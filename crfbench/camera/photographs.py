@@ -6,11 +6,11 @@ Everything but `read_planned` looks at names and headers alone.
 import re
 import unicodedata
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,7 @@ from crfbench.curves import Array
 from crfbench.errors import FormatError, InputError
 
 Source = str | Path | Iterable[str | Path]
+Read = TypeVar("Read")
 Exposures = str | Path | Sequence[float | str] | ArrayLike | None
 
 # Pixel phones name the two files of one photograph X.RAW-01.COVER.jpg and X.RAW-02.ORIGINAL.dng.
@@ -350,7 +351,7 @@ def _seconds(text: Any) -> float:
         time = float(over) / float(under or 1)
         if 0 < time < np.inf:
             return time
-    kinds = "times above 0 such as 0.5 or 1/60, a file of them that is there, exif or names"
+    kinds = "times above 0 such as 0.5 or 1/60, a file of them that is there, exif, estimate or names"
     raise InputError(f"{str(text)[:40]!r} is not an exposure time; use {kinds}")
 
 
@@ -399,13 +400,14 @@ def read_series(
         Relative to the first photograph that was read.
     problems : list of Problem
     """
-    images, plan = read_planned(plan_photographs(paths, exposures, paired=False, white_level=white_level))
+    plan = plan_photographs(paths, exposures, paired=False, white_level=white_level)
+    images, plan = read_planned(plan, read_levels)
     return images, plan.stops, plan.problems
 
 
-def read_planned(plan: Plan) -> tuple[list[NDArray[Any]], Plan]:
+def read_planned(plan: Plan, read: Callable[[Path, int | None], Read]) -> tuple[list[Read], Plan]:
     """Read the images of a plan; what is a `FormatError`, not exposed as told or unlike most is left out and named."""
-    images: dict[Path, NDArray[Any]] = {}
+    images: dict[Path, Read] = {}
     problems = []
     for pair, stop in zip(plan.pairs, plan.stops, strict=True):
         try:
@@ -413,7 +415,7 @@ def read_planned(plan: Plan) -> tuple[list[NDArray[Any]], Plan]:
                 raise FormatError(
                     f"{pair.jpeg.name} does not tell its exposure; give times (--exposures 1/60,1/30,...)"
                 )
-            images[pair.jpeg] = WORKER.run(read_levels, pair.jpeg, plan.white_level)
+            images[pair.jpeg] = WORKER.run(read, pair.jpeg, plan.white_level)
         except FormatError as error:
             problems.append(Problem(pair.jpeg, str(error)))
     kinds = {path: _kind(image) for path, image in images.items()}
@@ -424,6 +426,6 @@ def read_planned(plan: Plan) -> tuple[list[NDArray[Any]], Plan]:
     return [images[pair.jpeg] for pair in kept.pairs], kept
 
 
-def _kind(image: NDArray[Any]) -> str:
-    height, width = image.shape[:2]
-    return f"{width} x {height} pixels of {8 * image.itemsize} bits, {'grey' if image.ndim == 2 else 'colour'}"
+def _kind(image: Any) -> str:
+    height, width, *colour = image.shape
+    return f"{width} x {height} pixels of {8 * image.dtype.itemsize} bits, {'colour' if colour else 'grey'}"

@@ -6,13 +6,17 @@ What a series is calibrated from are small flat blocks of the photographs that c
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Calibration, Noise, Observations, calibrate
 from crfbench.calibration.observations import SATURATED
+from crfbench.camera.aligning import equalised, find_shifts, shifted
+from crfbench.camera.reading import read_levels
 from crfbench.checks import as_numbers, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
@@ -22,6 +26,8 @@ Image = NDArray[Any]
 
 _STOPS = 60.0  # between least and greatest exposure; more cannot be one camera's
 _SIDE = 5  # pixels of a block along each side
+_MOST_BLOCKS = 2**16  # of a channel that are looked at, evenly over the photograph
+_MOST_CELLS = 2**15  # blocks times photographs of a set; a calibration needs memory for 60 numbers each
 _STRATA = 32  # of equal width in brightness
 _FLATTEST = 0.25  # share of a stratum that is drawn from
 # Of many blocks, neighbours in brightness repeat how a curve is missed.
@@ -34,12 +40,50 @@ _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200,
 # Of what moved: rounds of leaving out; off by at least this much of log irradiance, more below a brightness, and so
 # many times what is usual; above the darkest, which may be a floor; the share of the blocks that is not worth a round.
 _ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW = 5, 0.35, 0.3, 6.0, 0.03, 0.01
+_FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
 
 
+class Reduced(NamedTuple):
+    """The part of a photograph that a series is calibrated from; so little that photographs are read one by one."""
+
+    shape: tuple[int, ...]  # of the photograph
+    dtype: np.dtype[Any]
+    mean: float
+    blocks: Array  # shape (3, c, m); mean, least and greatest brightness
+    pixels: NDArray[np.uint8]  # shape (m, c); the high byte of values of 16 bits
+    picture: NDArray[np.uint8]  # a small one, to align by
+
+
+def reduce_photograph(path: Path, white_level: int | None = None, shift: tuple[int, int] = (0, 0)) -> Reduced:
+    """Read a photograph as `read_levels` does, shift it and reduce it, or raise `FormatError`."""
+    return reduce_image(shifted(read_levels(path, white_level), *shift))
+
+
+def reduce_image(image: ArrayLike) -> Reduced:
+    """Reduce an image (h, w) or (h, w, c) to what `calibrate_series` needs."""
+    (array,) = _as_images([image])
+    pixels = array.reshape(-1, array.shape[2])[:: max(1, array[..., 0].size // _FLOOR_PIXELS)]
+    high = pixels >> 8 if pixels.dtype == np.uint16 else pixels
+    blocks = np.stack([_blocks(array[..., c]) for c in range(array.shape[2])], axis=1)
+    return Reduced(np.shape(image), array.dtype, float(array.mean()), blocks, high.astype(np.uint8), equalised(array))
+
+
+def align_series(images: Sequence[ArrayLike], exposures: ArrayLike) -> tuple[list[Image], NDArray[np.intp]]:
+    """Shift the photographs of a series from the hand by whole pixels to where they show the same.
+
+    Returns the images, 0 where a photograph shows nothing, and by how many columns and rows each was shifted (e, 2),
+    from `crfbench.camera.aligning.find_shifts`. `images` and `exposures` are as in `merge_series`.
+    """
+    arrays = as_series(images)
+    stops = as_stops(exposures, len(arrays))
+    shifts = find_shifts([equalised(array) for array in arrays], stops, arrays[0].shape)
+    return [shifted(array, *shift) for array, shift in zip(arrays, shifts, strict=True)], shifts
+
+
 def calibrate_series(
-    images: Sequence[ArrayLike],
-    exposures: ArrayLike,
+    images: Sequence[ArrayLike | Reduced],
+    exposures: ArrayLike | None,
     model: ResponseModel | None = None,
     method: str = "posterior",
     *,
@@ -53,7 +97,8 @@ def calibrate_series(
     Parameters
     ----------
     images, exposures
-        As in `sample_series`.
+        As in `sample_series`. Exposures that are None are estimated too: then a power of the curve explains the
+        photographs as well, it is the one most usual in curves of the model, and the band holds the others.
     model : ResponseModel, optional
         Of direction "inverse", with prior and discrepancy; by default `crfbench.models.DEFAULT_MODEL`.
     method : {"posterior", "map"}
@@ -69,6 +114,9 @@ def calibrate_series(
         A curve for each channel, coupled, or without `per_channel` one for all. Exposures alone tell no scale: where
         the data do not reach, that the curve ends in (1, 1) is the model's word.
     """
+    images = _as_reduced(images)
+    if exposures is None:
+        return _estimated(images, model or load_model(DEFAULT_MODEL), method, n, seed, per_channel)
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
@@ -104,27 +152,51 @@ def _without_moved(found: Calibration, observations: Observations, still: NDArra
     return _told(found, [text.format(each) if each > _FEW else "" for each in share])
 
 
-def black_floor(images: Sequence[ArrayLike], exposures: ArrayLike, curves: Array) -> Array:
+def _estimated(
+    images: Sequence[Reduced], model: ResponseModel, method: str, n: int, seed: int, per_channel: bool
+) -> Calibration:
+    """Calibrate a series whose exposures nobody told: curve and exposures come from the photographs, up to a power."""
+    order = np.argsort(np.argsort([image.mean for image in images], kind="stable")).astype(np.float64)
+    same: dict[str, Any] = {"n": n, "seed": seed, "per_channel": per_channel}
+    free = calibrate_series(images, order, model, method, exposure_error=_FREE, **same)
+    middle = (GRID > 0.1) & (GRID < 0.9)
+    both = (model.decode(model.sample(256, seed)), free.curves)
+    usual, ours = (np.log(np.maximum(curves[:, middle], _LEAST)).mean(axis=1) for curves in both)
+    stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
+    found = calibrate_series(images, stops, model, method, **same)
+    power = usual.std() / abs(usual.mean())  # its relative standard deviation
+    bands = {level: _with_power(found.curves, band, power, level) for level, band in found.bands.items()}
+    said = "the exposures are estimated from the photographs: any power of the curve fits as well, as its band says"
+    return replace(found, bands=bands, warnings=tuple((*texts, said) for texts in found.warnings))
+
+
+def _with_power(curves: Array, band: tuple[Array, Array], power: float, level: float) -> tuple[Array, Array]:
+    """Widen a band in log irradiance by an uncertain power of the curves."""
+    logs = np.log(np.maximum(curves, _LEAST))
+    wide = NormalDist().inv_cdf(0.5 + level / 2) * power * np.abs(logs)
+    low, high = (np.hypot(np.log(np.maximum(edge, _LEAST)) - logs, wide) for edge in band)
+    return curves * np.exp(-low), curves * np.exp(high)
+
+
+def black_floor(images: Sequence[ArrayLike | Reduced], exposures: ArrayLike, curves: Array) -> Array:
     """Return the brightness of each curve (c, 1024) from which on brightness follows the exposure, (c,); 0 is usual.
 
     Scans, lifted blacks and stray light have a floor that does not. The pixels of a level rise, in the next longer
     exposure, to where the curve says; where they rise by less than half as much, their level is no light.
     """
-    arrays, stops = as_series(images), as_stops(exposures, len(images))
+    stops = as_stops(exposures, len(images))
     order = np.argsort(stops, kind="stable")
-    step = max(1, arrays[0][..., 0].size // _FLOOR_PIXELS)
-    levels = np.stack([np.reshape(arrays[i], (-1, arrays[i].shape[2]))[::step] for i in order])
-    levels = levels >> 8 if levels.dtype == np.uint16 else levels
+    levels = np.stack([image.pixels for image in _as_reduced(images)])[order]
     if len(curves) == 1:
         levels = levels.reshape(len(levels), -1, 1)
     following = np.searchsorted(stops[order], stops[order] + _FLOOR_STOPS)
     pairs = [(k, later) for k, later in enumerate(following) if later < len(stops)]
     told = evaluate(curves, np.arange(256) / 255)
-    edges = [_floor(levels[..., c].astype(np.intp), stops[order], g, pairs) for c, g in enumerate(told)]
+    edges = [_floor(levels[..., c].astype(np.int16), stops[order], g, pairs) for c, g in enumerate(told)]
     return np.array(edges) / 255.0
 
 
-def _floor(levels: NDArray[np.intp], stops: Array, curve: Array, pairs: list[tuple[int, int]]) -> int:
+def _floor(levels: NDArray[np.int16], stops: Array, curve: Array, pairs: list[tuple[int, int]]) -> int:
     """Return the first of 256 levels, of photographs (e, pixels), that follows the exposure."""
     every = np.arange(256)
     # Strictly rising, so that it can be inverted.
@@ -165,7 +237,12 @@ def _weighted(observations: Observations, light: NDArray[np.bool_] | bool = True
 
 
 def sample_series(
-    images: Sequence[ArrayLike], exposures: ArrayLike, *, n: int = 256, seed: int = 0, per_channel: bool = False
+    images: Sequence[ArrayLike | Reduced],
+    exposures: ArrayLike,
+    *,
+    n: int = 256,
+    seed: int = 0,
+    per_channel: bool = False,
 ) -> Observations:
     """Choose blocks of a series and return their brightness, ready to calibrate from.
 
@@ -177,11 +254,11 @@ def sample_series(
     Parameters
     ----------
     images : sequence of array_like, each of shape (h, w) or (h, w, 3)
-        Of one static scene, 8 or 16 bits.
+        Of one static scene, 8 or 16 bits; or what `reduce_image` gives of them.
     exposures : array_like, shape (e,)
         In stops.
     n : int
-        How many blocks, at most, for each set of observations.
+        How many blocks, at most, for each set of observations; of more than 128 photographs fewer.
     seed : int
         Of the draw.
     per_channel : bool
@@ -195,14 +272,16 @@ def sample_series(
         One set, or with `per_channel` one for each channel, without a reference. Blocks that are partly clipped count
         for nothing in that exposure.
     """
-    arrays = as_series(images)
-    stops = as_stops(exposures, len(arrays))
-    check_count("n", n, _STRATA)
-    channels = range(arrays[0].shape[2])
+    every = [image.blocks for image in _as_reduced(images)]
+    stops = as_stops(exposures, len(every))
+    n = min(check_count("n", n, _STRATA), max(_STRATA, _MOST_CELLS // len(every)))
+    channels = range(every[0].shape[1])
     groups = [[c] for c in channels] if per_channel else [list(channels)]
-    sets = [_blocks([array[..., c] for array in arrays for c in group], len(arrays)) for group in groups]
     rng = np.random.default_rng(check_seed(seed))
-    drawn = [_drawn(blocks, stops, n, rng) for blocks in sets]
+    drawn = [
+        _drawn(np.stack([blocks[:, group].reshape(3, -1) for blocks in every], axis=1), stops, n, rng)
+        for group in groups
+    ]
     # Shorter sets are filled with blocks of brightness 0, which are not measured.
     longest = max(blocks.shape[2] for blocks in drawn)
     filled = np.stack([np.pad(blocks, ((0, 0), (0, 0), (0, longest - blocks.shape[2]))) for blocks in drawn])
@@ -212,9 +291,19 @@ def sample_series(
 
 def as_series(images: Sequence[ArrayLike]) -> list[Image]:
     """Return two or more images as arrays (h, w, c) with c = 1 or 3, all alike."""
+    if len(images) < 2:
+        raise InputError(f"the series has {len(images)} images; use two or more of one scene at different exposures")
+    return _as_images(images)
+
+
+def _as_reduced(images: Sequence[ArrayLike | Reduced]) -> list[Reduced]:
+    reduced = [image for image in images if isinstance(image, Reduced)]
+    others = [image for image in images if not isinstance(image, Reduced)]
+    return [reduce_image(image) for image in as_series(others)] if others or not reduced else reduced
+
+
+def _as_images(images: Sequence[ArrayLike]) -> list[Image]:
     arrays = [np.atleast_3d(np.asarray(image)) for image in images]
-    if len(arrays) < 2:
-        raise InputError(f"the series has {len(arrays)} images; use two or more of one scene at different exposures")
     first = arrays[0]
     if first.dtype not in (np.uint8, np.uint16) or first.ndim != 3 or first.shape[2] not in (1, 3) or not first.size:
         raise InputError(f"image 0 is {first.dtype} of shape {first.shape}; use uint8 or uint16, (h, w) or (h, w, 3)")
@@ -237,13 +326,8 @@ def as_stops(exposures: ArrayLike, n: int) -> Array:
     return stops
 
 
-def _blocks(planes: Sequence[Image], e: int) -> Array:
-    """Reduce planes (h, w), those of the first of `e` exposures first, to mean, least and greatest (3, e, blocks)."""
-    return np.stack([_reduced(plane) for plane in planes], axis=1).reshape(3, e, -1)
-
-
-def _reduced(plane: Image) -> Array:
-    """Return mean, least and greatest brightness of the blocks of one plane, shape (3, rows, columns)."""
+def _blocks(plane: Image) -> Array:
+    """Return mean, least and greatest brightness of the blocks of one plane, shape (3, m)."""
     import cv2
 
     side = min(_SIDE, *plane.shape)
@@ -254,8 +338,9 @@ def _reduced(plane: Image) -> Array:
     mean = cv2.resize(cut.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
     # Erosion and dilation give the extremes around every pixel; those around the centres are the blocks'.
     extremes = (of(cut, kernel)[first::side, first::side] for of in (cv2.erode, cv2.dilate))
-    low, high = (extreme.astype(np.float64) / white for extreme in extremes)
-    return np.stack([np.clip(mean.astype(np.float64) / white, low, high), low, high])
+    step = max(1, mean.size // _MOST_BLOCKS)
+    mean, low, high = (each.ravel()[::step].astype(np.float64) / white for each in (mean, *extremes))
+    return np.stack([np.clip(mean, low, high), low, high])
 
 
 def _measured(blocks: Array) -> NDArray[np.bool_]:
@@ -270,8 +355,9 @@ def _drawn(blocks: Array, stops: Array, n: int, rng: np.random.Generator) -> Arr
     if not usable.any():
         raise InputError(f"none of {usable.size} blocks is unclipped in two exposures; use less extreme exposures")
     candidates = blocks[..., usable]
-    _check_change(candidates, stops)
-    return candidates[..., _stratified(candidates, n, rng)]
+    chosen = candidates[..., _stratified(candidates, n, rng)]
+    _check_change(chosen, stops)  # of these, as most blocks of a dark scene stay dark
+    return chosen
 
 
 def _check_change(blocks: Array, stops: Array) -> None:
