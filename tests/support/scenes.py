@@ -169,6 +169,7 @@ def render_photograph(
     *,
     matrix: ArrayLike = MATRIX,
     balance: tuple[float, float, float] = BALANCE,
+    gain: float = 1.1,
     size: tuple[int, int] = (1200, 800),
     crop: float = 0.02,
     distortion: float = 0.01,
@@ -184,6 +185,8 @@ def render_photograph(
     matrix : array_like, shape (3, 3)
         From the sensor's colours, balanced, to those that the response bends.
     balance : tuple of float
+    gain : float
+        What the camera multiplies the sensor's colours by; green that fills the sensor is beyond white from 1 on.
     size : tuple of int
         Width and height in pixels of the sensor.
     crop : float
@@ -205,7 +208,7 @@ def render_photograph(
     noise = rng.standard_normal(sensor.shape) * np.sqrt(sensor / 20_000 + 0.001**2)
     raw = np.clip(sensor + noise, 0.0, 1.0)
     calm = cv2.GaussianBlur(raw, (0, 0), 1.0)  # cameras take out most of the noise
-    developed = np.clip(calm * np.array(balance) @ np.asarray(matrix).T, 0.0, 1.0)
+    developed = np.clip(gain * calm * np.array(balance) @ np.asarray(matrix).T, 0.0, 1.0)
     curves = np.broadcast_to(as_valid_curves(response), (3, len(GRID)))
     bent = np.stack([np.interp(developed[..., c], GRID, curves[c]) for c in range(3)], axis=-1)
     return raw, np.rint(255 * _corrected(bent, crop, distortion)).astype(np.uint8)
