@@ -164,7 +164,8 @@ def _from_pairs(plan: Plan, key: ModelKey, created: str, say: Callable[[str], ob
     found, odd, note = calibrate_pairs(measured, key.load())
     say(note)
     used = plan.without([*problems, *odd])
-    passport, photographs = _passport(found.calibration, key, used, created, found), {p.name: p.jpeg for p in used.pairs}
+    passport = _passport(found.calibration, key, used, created, found)
+    photographs = {pair.name: pair.jpeg for pair in used.pairs}
     notes = [*plan.notes, note]
     return CameraCalibration(passport, found.calibration, photographs, used.problems, notes=notes, colour=found)
 
