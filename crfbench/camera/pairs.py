@@ -18,7 +18,7 @@ from crfbench.calibration.observations import SATURATED
 from crfbench.camera.photographs import Pair, Problem
 from crfbench.camera.reading import read_balance, read_image, read_raw
 from crfbench.camera.worker import WORKER
-from crfbench.curves import GRID, Array
+from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import FormatError
 from crfbench.models import ResponseModel
 
@@ -38,6 +38,8 @@ _EDGES = np.sort([*np.arange(1, 16) / 16, 1e-6, 0.01, 0.02, 0.04, 0.955, 0.97, 0
 _GAMMA = 2.2  # of a typical response: what is averaged is nearly straight then
 _LEAST_LIKE, _LEAST_CELLS = 0.8, 24
 _TELLING = 400  # independent pairs that one photograph tells, at most
+# Standard deviations of where white lies: of the log light beyond the brightest colour, and over cameras.
+_BEYOND, _SCALE = 0.5, 0.25
 # What is left out: this often the usual residual, in brightness, and more than cameras leave anyway.
 _ODD, _ALIKE = 2.0, 0.02
 
@@ -113,15 +115,18 @@ def _unexplained(found: ColourCalibration, jpeg: Array, raw: Array, weights: Arr
 
 
 def _widened(calibration: Calibration, rest: float) -> Calibration:
-    """Widen the bands by a brightness that is unexplained: local tones or vignetting are no noise that averages out."""
+    """Widen the bands by what is no noise that averages out.
+
+    That is brightness unexplained, as by local tones and vignetting, and where white lies: a share of the light between
+    the brightest colour and (1, 1), to which the curve is drawn on.
+    """
     curves, bands = calibration.curves, {}
-    light = rest * np.gradient(curves, GRID, axis=1)
+    beyond = -np.log(evaluate(curves, calibration.brightness_range[:, 1:]))
+    light = np.hypot(rest * np.gradient(curves, GRID, axis=1), np.minimum(_BEYOND * beyond, _SCALE) * curves)
     for level, (low, high) in calibration.bands.items():
         more = NormalDist().inv_cdf(0.5 + level / 2) * light
-        bands[level] = (
-            np.maximum(curves - np.hypot(curves - low, more), 0),
-            np.minimum(curves + np.hypot(high - curves, more), 1),
-        )
+        wider = curves - np.hypot(curves - low, more), curves + np.hypot(high - curves, more)
+        bands[level] = np.maximum(wider[0], 0.0), np.minimum(wider[1], 1.0)
     return replace(calibration, bands=bands)
 
 
@@ -204,7 +209,9 @@ def _registered(raw: Pixels, image: Pixels, shifts: Array, side: int, degree: in
         shifts[i, j] += np.linalg.solve(normal, pull).reshape(2, -1).T
     laid = _shifted(raw, image.shape, shifts)
     inside = np.isfinite(laid)
-    return shifts, float(np.corrcoef(laid[inside], image[inside])[0, 1]) if inside.mean() > 0.5 else 0.0
+    if inside.mean() < 0.5 or not np.ptp(image[inside]) or not np.ptp(laid[inside]):
+        return shifts, 0.0
+    return shifts, float(np.corrcoef(laid[inside], image[inside])[0, 1])
 
 
 def _equalised(grey: Pixels) -> Pixels:
