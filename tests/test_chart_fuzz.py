@@ -14,7 +14,7 @@ from crfbench.camera.worker import Worker
 from crfbench.curves import GRID
 from crfbench.datasets import registry
 from crfbench.errors import FormatError
-from tests.support.photographs import write_pair
+from tests.support.photographs import write_pair, write_raw
 from tests.support.scenes import render_chart
 
 
@@ -31,6 +31,8 @@ def originals(tmp_path_factory) -> dict[str, bytes]:
     Image.fromarray(scene.jpeg).save(folder / "a.webp")
     Image.fromarray(scene.jpeg).save(folder / "a.avif")
     paths += [folder / f"a.{suffix}" for suffix in ("tiff", "heic", "webp", "avif")]
+    write_raw(folder / "b.dng", np.tile(scene.raw, (7, 7, 1)), np.tile(scene.jpeg, (7, 7, 1))).rename(folder / "b.nef")
+    paths.append(folder / "b.nef")  # of which the preview is read
     if real := registry.find("raw/RAW_KODAK_DC50.KDC"):
         paths.append(real)
     return {path.suffix.lower(): path.read_bytes() for path in paths}
@@ -55,7 +57,7 @@ def read_everything(path: Path) -> tuple[tuple[int, ...], bool]:
 
 
 @pytest.mark.parametrize("n_files", [20, pytest.param(200, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".tiff", ".dng", ".kdc", ".heic", ".webp", ".avif"])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".tiff", ".dng", ".nef", ".kdc", ".heic", ".webp", ".avif"])
 def test_damaged_files(tmp_path, originals, suffix, n_files, capfd):
     if suffix not in originals:
         pytest.skip("the real RAW file is absent: set CRFBENCH_DATA to the folder that holds raw/RAW_KODAK_DC50.KDC")

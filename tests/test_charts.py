@@ -436,13 +436,13 @@ def test_every_problem_is_named(tmp_path, small_pair):
     copy(larger, tmp_path / "size.jpg"), copy(dng, tmp_path / "size.dng")
     pairs, problems = pair_photographs(tmp_path)
     _, _, unmeasured = chart_table(pairs, {"size": scene.corners})
-    assert [pair.name for pair in pairs] == ["bad", "good", "size"]
+    assert [pair.name for pair in pairs] == ["bad", "good", "single", "size"]
     reasons = {
         problem.path.name: problem.reason for problem in problems + unmeasured if problem.path.name != "good.jpg"
     }
     assert reasons == {
         "alone.jpg": "alone.jpg has no RAW file of the same name",
-        "single.dng": "single.dng has no JPEG of the same name",
+        "single.dng": "single.dng holds no preview; put the camera's JPEG of the same name beside it",
         **{name: f"{name} has more than one partner among two.dng, two.jpg, two.nef"
            for name in ("two.dng", "two.jpg", "two.nef")},
         "bad.jpg": "bad.jpg is not a readable JPEG, PNG, TIFF, HEIC, AVIF or WebP file; use a complete one",

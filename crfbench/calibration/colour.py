@@ -156,7 +156,7 @@ def calibrate_colour(
 
 
 def _checked(brightness: ArrayLike, raw: ArrayLike, weights: ArrayLike | None) -> tuple[Array, Array, Array]:
-    """Return brightness, RAW and weights, 0 where clipped, of shape (n, 3, m) each."""
+    """Return brightness, RAW and weights, 0 where RAW is clipped or brightness black, of shape (n, 3, m) each."""
     jpeg, linear = as_finite("brightness", brightness), as_finite("raw", raw)
     share = as_finite("weights", 1.0 if weights is None else weights)
     if jpeg.ndim not in (3, 4) or jpeg.shape[-1] != 3 or not jpeg.size or linear.shape != jpeg.shape:
@@ -165,7 +165,7 @@ def _checked(brightness: ArrayLike, raw: ArrayLike, weights: ArrayLike | None) -
     for name, values, most in (("brightness", jpeg, 1.0), ("raw", linear, 1.0), ("weights", share, 1e6)):
         if values.min(initial=0.0) < 0 or values.max(initial=0.0) > most:
             raise InputError(f"{name} reaches from {values.min():g} to {values.max():g}; use values from 0 to {most:g}")
-    inside = (jpeg > 0) & (jpeg < SATURATED) & (linear.max(axis=-1, keepdims=True) < _FULL)
+    inside = (jpeg > 0) & (linear.max(axis=-1, keepdims=True) < _FULL)
     weight = inside * fit_shape("weights", share, jpeg.shape[:-1])[..., None]
     n = 1 if jpeg.ndim == 3 else len(jpeg)
     jpeg, linear, weight = (np.swapaxes(array.reshape(n, -1, 3), 1, 2) for array in (jpeg, linear, weight))
@@ -177,9 +177,14 @@ class _Pairs(NamedTuple):
 
     jpeg: Array  # shape (n, 3, m)
     raw: Array  # shape (n, 3, m)
-    weight: Array  # shape (n, 3, m)
+    told: Array  # shape (n, 3, m); weights, of white too: it tells the curves that its light is at least so much
     soft: Array  # shape (n,)
     mixed: Array  # shape (n,)
+
+    @property
+    def weight(self) -> Array:
+        """Of what is measured, shape (n, 3, m)."""
+        return self.told * (self.jpeg < SATURATED)
 
     def middle(self, values: Array, axis: tuple[int, ...] = (1, 2)) -> Array:
         """Return the median of what counts."""
@@ -216,7 +221,7 @@ def _curves(pairs: _Pairs, found: _Fit, model: ResponseModel, table: Table, meth
     """Calibrate the curves given M, up to its gains."""
     light = np.maximum(_drawn(pairs.raw, found.matrix, pairs.soft)[0], _DARKEST)
     white = np.exp(np.log(np.clip(_grey(found.matrix), 1e-2, 1e2)).mean(axis=1))[:, None, None]
-    parts = pairs.jpeg, light * white, np.minimum(pairs.weight * found.weight, 1e6)
+    parts = pairs.jpeg, light * white, np.minimum(pairs.told * found.weight, 1e6)
     jpeg, light, weight = (part.reshape(-1, 1, part.shape[2]) for part in parts)
     observations = Observations(jpeg, light[:, 0], [0.0], weights=weight, absolute=True)
     # The mean of three independent gains then has the standard deviation that it has over cameras.
@@ -252,6 +257,7 @@ def _fit(pairs: _Pairs, curves: Array, start: Array) -> _Fit:
     far = np.log(np.maximum(evaluate(curves, pairs.jpeg), _DARKEST) / light)
     far /= np.hypot(REFERENCE_ERROR, 0.02 / np.maximum(pairs.jpeg, 1 / 255))
     weight = _student(z) * _student(far / np.maximum(pairs.middle(abs(far)) / 0.674, 0.2))
+    weight = np.where(pairs.jpeg < SATURATED, weight, 1.0)
     return _Fit(matrix, deviation, weight, (pairs.weight * logs).sum(axis=(1, 2)))
 
 

@@ -1,4 +1,4 @@
-"""From a folder of photographs to a response passport: with a chart, or from exposure steps alone."""
+"""From a folder of photographs to a response passport: with a chart, by RAW files, or from exposure steps alone."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -15,6 +15,7 @@ from crfbench.calibration.colour import ColourCalibration, calibrate_colour
 from crfbench.camera.aligning import find_shifts, shifted
 from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart
 from crfbench.camera.merging import Merged, merge_series
+from crfbench.camera.pairs import calibrate_pairs, scene_pairs
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
@@ -72,17 +73,20 @@ def calibrate(
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> CameraCalibration:
-    """Calibrate a camera from its photographs: of a colour chart, or of any static scene at several exposures.
+    """Calibrate a camera from its photographs: of a colour chart, of anything in RAW, or at several exposures.
 
-    When no photograph with a chart is left, or fewer than two of a series, this is an `InputError`.
+    Without a chart, RAW files are compared with the JPEGs beside them or the previews inside (`measure_pairs`), and
+    images without RAW files must be an exposure series of a static scene. When no photograph with a chart or a RAW file
+    is left, or fewer than two of a series, this is an `InputError`.
 
     Parameters
     ----------
     source : path or iterable of path
-        A folder or files: JPEG (or PNG, TIFF), and with a chart best a RAW file of the same name beside each.
+        A folder or files: RAW files, or JPEG (or PNG, TIFF), best with a RAW file of the same name beside each.
     chart : "auto", "none" or path
         The chart is sought in every photograph, or marked by hand in a file of labels (`crfbench.camera.load_labels`)
-        and sought where that has none. "none": an exposure series of one scene without a chart.
+        and sought where that has none; where none shows a chart, RAW files count. "none": RAW files of any scene, or an
+        exposure series of one scene; one whose `exposures` are given, too, if there are RAW files.
     exposures : sequence, path or "names", optional
         Exposure times of the photographs in any unit, in the order given, or in natural order of a folder: numbers,
         fractions such as "1/60", a file of them or those in the names, as `plan_photographs` takes them; default by
@@ -116,19 +120,22 @@ def calibrate(
         check_count("white_level", white_level, 255, 65535)
     key = _inverse_model(model)
     estimated = isinstance(exposures, str) and exposures == _ESTIMATE
-    plan = plan_photographs(given, None if estimated else exposures, chart != "none", white_level)
+    seek_raw = chart != "none" or exposures is None
+    plan = plan_photographs(given, None if estimated else exposures, seek_raw, white_level)
     for text in (plan.table(), *plan.notes) if plan.pairs else ():
         say(text)
-    if chart == "none":
-        error = None if estimated else _NOMINAL if exposures is None else _EXACT
-        result = _from_series(plan, error, key, channels == "rgb", align == "auto", created)
-        for text in result.notes[len(plan.notes) :]:
-            say(text)
-        return result
-    if estimated:
-        plan = replace(plan, stops=np.full_like(plan.stops, np.nan))
-    labels, timed = None if chart == "auto" else Path(chart), exposures is not None and not estimated
-    return _from_chart(plan, labels, timed, key, channels == "rgb", created)
+    if chart != "none":
+        if estimated:
+            plan = replace(plan, stops=np.full_like(plan.stops, np.nan))
+        labels, timed = None if chart == "auto" else Path(chart), exposures is not None and not estimated
+        return _from_chart(plan, labels, timed, key, channels == "rgb", created, say)
+    if any(pair.raw for pair in plan.pairs):
+        return _from_pairs(plan, key, created, say)
+    error = None if estimated else _NOMINAL if exposures is None else _EXACT
+    result = _from_series(plan, error, key, channels == "rgb", align == "auto", created)
+    for text in result.notes[len(plan.notes) :]:
+        say(text)
+    return result
 
 
 def _inverse_model(name: str) -> ModelKey:
@@ -140,11 +147,13 @@ def _inverse_model(name: str) -> ModelKey:
 
 
 def _from_chart(
-    plan: Plan, labels: Path | None, timed: bool, key: ModelKey, rgb: bool, created: str
+    plan: Plan, labels: Path | None, timed: bool, key: ModelKey, rgb: bool, created: str, say: Callable[[str], object]
 ) -> CameraCalibration:
     model = key.load()
     patches, measured, unmeasured = chart_table(plan.pairs, load_labels(labels) if labels else None, plan.white_level)
     used = plan.without(unmeasured)
+    if patches.empty and labels is None and any(pair.raw for pair in plan.pairs):
+        return _from_pairs(plan, key, created, say)
     if patches.empty:
         raise InputError(
             f"no photograph with a chart is left ({_reasons(used.problems)}); "
@@ -162,6 +171,21 @@ def _from_chart(
     return CameraCalibration(
         passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes, colour=colour
     )
+
+
+def _from_pairs(plan: Plan, key: ModelKey, created: str, say: Callable[[str], object]) -> CameraCalibration:
+    measured, problems = scene_pairs(plan.pairs, plan.white_level)
+    if not measured:
+        raise InputError(
+            f"no photograph with its RAW file is left ({_reasons([*plan.problems, *problems])}); use others"
+        )
+    found, odd, note = calibrate_pairs(measured, key.load())
+    say(note)
+    used = plan.without([*problems, *odd])
+    passport = _passport(found.calibration, key, used, created, found)
+    photographs = {pair.name: pair.jpeg for pair in used.pairs}
+    notes = [*plan.notes, note]
+    return CameraCalibration(passport, found.calibration, photographs, used.problems, notes=notes, colour=found)
 
 
 def _from_series(
@@ -254,7 +278,7 @@ def _passport(
 def _digest(files: Sequence[Path]) -> str:
     """Return the SHA-256 of the files' own digests, in the order of their names, so that copies elsewhere agree."""
     total = hashlib.sha256()
-    for path in sorted(files, key=lambda path: path.name):
+    for path in sorted(set(files), key=lambda path: path.name):
         total.update(hashlib.sha256(path.read_bytes()).digest())
     return total.hexdigest()
 

@@ -279,7 +279,8 @@ def measure_photograph(
         return MeasuredChart(found, confidence, values, None, exif)
     linear = read_raw(raw)
     (height, width), (raw_height, raw_width) = pixels.shape[:2], linear.shape[:2]
-    if max(abs(height / raw_height - 1), abs(width / raw_width - 1)) > _CROP_SHARE:
+    whole = height / raw_height if jpeg == raw else 1.0  # previews are smaller
+    if max(abs(height / raw_height - whole), abs(width / raw_width - whole)) > _CROP_SHARE * whole:
         sizes = f"{jpeg.name} is {width} x {height} and {raw.name} is {raw_width} x {raw_height} pixels"
         raise FormatError(f"{sizes}; use the JPEG of the same photograph, neither resized nor turned")
     return MeasuredChart(found, confidence, values, measure_chart(linear, found), exif)

@@ -35,7 +35,10 @@ _PER_SECOND = {"": 1, "m": 1000, "u": 1_000_000}
 
 @dataclass(frozen=True)
 class Pair:
-    """One photograph: its name, its JPEG (or PNG, TIFF, HEIC) and its RAW file, None where there is none."""
+    """One photograph: its name, its JPEG (or PNG, TIFF, HEIC) and its RAW file, None where there is none.
+
+    A RAW file alone is both, as it holds the preview that its camera developed.
+    """
 
     name: str
     jpeg: Path
@@ -72,7 +75,8 @@ class Plan:
 
     def table(self) -> str:
         """Return a line a photograph: its files, exposure time, stops."""
-        names = [f"{pair.jpeg.name} + {pair.raw.name}" if pair.raw else pair.jpeg.name for pair in self.pairs]
+        files = [[path.name for path in dict.fromkeys((pair.jpeg, pair.raw)) if path] for pair in self.pairs]
+        names = [" + ".join(each) for each in files]
         if len(set(names)) < len(names):
             names = [pair.name for pair in self.pairs]
         rows = zip(names, map(_as_text, self.times.tolist()), self.stops.tolist(), strict=True)
@@ -84,8 +88,9 @@ def pair_photographs(source: Source) -> tuple[list[Pair], list[Problem]]:
     """Pair RAW files with JPEGs (or other images) of the same name.
 
     Upper and lower case are the same, and so are the two names that Pixel phones give. Where a name occurs in several
-    folders, partners lie in one. Of several images beside a RAW file the only JPEG is its partner. Where there is no
-    RAW file at all, every image stands alone, but for one named as the edited copy of another.
+    folders, partners lie in one. Of several images beside a RAW file the only JPEG is its partner, and without any its
+    own preview is. Where there is no RAW file at all, every image stands alone, but for one named as the edited copy of
+    another.
 
     Parameters
     ----------
@@ -179,8 +184,9 @@ def _pair(paths: list[Path]) -> Pair | list[Problem]:
     if len(raws) > 1 or len(images) > 1:
         files = ", ".join(sorted(path.name for path in paths))
         return [Problem(path, f"{path.name} has more than one partner among {files}") for path in paths]
-    missing = "RAW file" if images else "JPEG"
-    return [Problem(path, f"{path.name} has no {missing} of the same name") for path in paths]
+    if raws:
+        return Pair("", raws[0], raws[0])
+    return [Problem(path, f"{path.name} has no RAW file of the same name") for path in paths]
 
 
 def plan_photographs(

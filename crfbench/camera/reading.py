@@ -24,6 +24,8 @@ from crfbench.errors import FormatError
 # More than any camera writes; a header that announces more is refused before it is decoded.
 MAX_PIXELS = 160_000_000
 MAX_BYTES = 512 * 1024 * 1024
+# On the longer side of the preview in a RAW file; smaller ones are for lists, not for looking at.
+MIN_PREVIEW = 300
 
 _IMAGE_NAMES = ("jpg", "jpeg", "jpe", "heic", "heif", "hif", "avif", "webp", "png", "tif", "tiff")
 IMAGE_SUFFIXES = frozenset(f".{name}" for name in _IMAGE_NAMES)
@@ -60,8 +62,8 @@ class Exif:
     model: str | None = None  # of the camera; LibRaw, which reads the RAW files, does not tell it
 
 
-def read_raw(path: Path) -> NDArray[np.float32]:
-    """Read a RAW file as linear sensor values.
+def read_raw(path: Path, half: bool = False) -> NDArray[np.float32]:
+    """Read a RAW file as linear sensor values, or each `half` of its sides at half size.
 
     Black is subtracted and the white level is 1, the same for every photograph of a camera. No white balance (factors
     1, 1, 1, 1), no colour matrix, no tone curve, no brightening; missing colours are interpolated linearly from their
@@ -85,13 +87,24 @@ def read_raw(path: Path) -> NDArray[np.float32]:
             no_auto_bright=True,
             adjust_maximum_thr=0.0,  # else the white level would follow the brightest pixel
             output_bps=16,
+            half_size=half,
         )
     pixels = np.asarray(pixels, dtype=np.float32) / np.float32(65535)
     return pixels[..., 0] if pixels.shape[2] == 1 else pixels
 
 
+def read_balance(path: Path) -> NDArray[np.float64]:
+    """Return the camera's factors (3,) that make red, green and blue of a grey equal; green's is 1, as all unknown."""
+    with _open_raw(path) as raw:
+        factors = np.array(raw.camera_whitebalance[:3], dtype=np.float64)
+    known = np.isfinite(factors).all() and (factors > 0).all()
+    return factors / factors[1] if known else np.ones(3)
+
+
 def read_image(path: Path, white_level: int | None = None) -> NDArray[np.float32]:
     """Read a JPEG, PNG, TIFF, HEIC, AVIF or WebP file as it is stored; colour profiles are not applied.
+
+    Of a RAW file, the preview is read that its camera developed.
 
     Turned upright as the file says. Palettes, CMYK, floating point and transparency that varies are refused, as it
     would take a guess to turn them into brightness; alpha that is the same everywhere is dropped. Of a TIFF file of
@@ -212,7 +225,8 @@ class _Image(NamedTuple):
 def _open_image(path: Path) -> _Image:
     from PIL import Image
 
-    content = _content(Path(path))
+    path = Path(path)
+    content = _preview(path) if path.suffix.lower() in RAW_SUFFIXES else _content(path)
     damage: tuple[type[Exception], ...] = (*_DAMAGE, Image.DecompressionBombError)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about sizes, which are checked here, and damage that is found later
@@ -220,12 +234,34 @@ def _open_image(path: Path) -> _Image:
             image = _opened(content)
         except damage:
             raise FormatError(f"{path.name} is not a readable {IMAGES} file; use a complete one") from None
-    _check_size(path, *image.decoder.size)
+    width, height = image.decoder.size
+    _check_size(path, width, height)
+    if path.suffix.lower() in RAW_SUFFIXES and max(width, height) < MIN_PREVIEW:
+        small = f"{path.name} holds a preview of {width} x {height} pixels, and {MIN_PREVIEW} are needed"
+        raise FormatError(f"{small}; put the camera's JPEG of the same name beside it")
     mode = image.decoder.mode
     if mode not in _MODES or "transparency" in image.decoder.info:
         kind = f"{mode} with transparency" if mode in _MODES else mode
         raise FormatError(f"{path.name} is a {kind} image; use RGB or grey with 8 or 16 bits and without alpha")
     return image
+
+
+def _preview(path: Path) -> bytes:
+    """Return the file of the preview that a RAW file holds, upright by its own tags."""
+    import cv2
+    import rawpy
+
+    with _open_raw(path) as raw:
+        flip = {3: 3, 5: 8, 6: 6}.get(raw.sizes.flip)
+        try:
+            preview = raw.extract_thumb()
+        except (rawpy.LibRawNoThumbnailError, rawpy.LibRawUnsupportedThumbnailError):
+            raise FormatError(
+                f"{path.name} holds no preview; put the camera's JPEG of the same name beside it"
+            ) from None
+    if preview.format == rawpy.ThumbFormat.JPEG:
+        return bytes(preview.data)
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(_turned(preview.data, flip)[..., ::-1]))[1])
 
 
 def _opened(content: bytes) -> _Image:

@@ -65,14 +65,60 @@ def write_pair(
     return jpeg, dng
 
 
-def _jpeg(image: NDArray[np.uint8], exposure: dict[int, float], model: str, orientation: int, quality: int) -> bytes:
+def write_raw(
+    path: Path,
+    raw: Array,
+    preview: NDArray[np.uint8],
+    *,
+    balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    model: str = MODEL,
+    orientation: int = 1,
+    beside: bool = False,
+    bitmap: bool = False,
+) -> Path:
+    """Write a DNG that holds its own preview, as cameras do: a JPEG of quality 85 with halved colours.
+
+    Parameters
+    ----------
+    path : path
+        Ends in ``.dng``.
+    raw : ndarray, shape (height, width, 3)
+    preview : ndarray of uint8, shape (h, w, 3)
+    balance : tuple of float
+        Factors that make the sensor's red, green and blue of a grey equal.
+    model, orientation
+        As in `write_pair`; the preview tells no orientation of its own.
+    beside : bool
+        Whether the preview is written as a JPEG of the same name, upright by its tag, in place of inside.
+    bitmap : bool
+        Whether the preview is stored without compression.
+    """
+    exposure = {_EXPOSURE_TIME_TAG: 0.01, _F_NUMBER_TAG: 5.6, _ISO_TAG: 100}
+    encoded = _jpeg(preview, exposure, model, orientation if beside else None, 85, subsampling=2)
+    if beside:
+        write_atomically(path.with_suffix(".jpg"), encoded)
+    size, content = (preview.shape[:2], preview.tobytes()) if bitmap else (preview.shape[:2], encoded)
+    inner = None if beside else (size, content, 1 if bitmap else 7)
+    write_atomically(path, _dng(_mosaic(raw), exposure, model, orientation, inner, balance))
+    return path
+
+
+def _jpeg(
+    image: NDArray[np.uint8],
+    exposure: dict[int, float],
+    model: str,
+    orientation: int | None,
+    quality: int,
+    subsampling: int = 0,
+) -> bytes:
     from PIL import Image
 
     exif = Image.Exif()
-    exif[_MODEL_TAG], exif[_ORIENTATION_TAG] = model, orientation
-    exif.get_ifd(_EXIF_FOLDER).update(exposure)
+    if orientation:
+        exif[_MODEL_TAG], exif[_ORIENTATION_TAG] = model, orientation
+        exif.get_ifd(_EXIF_FOLDER).update(exposure)
     file = BytesIO()
-    Image.fromarray(image).save(file, "JPEG", quality=quality, subsampling=0, exif=exif)
+    Image.fromarray(image).save(file, "JPEG", quality=quality, subsampling=subsampling, exif=exif)
     return file.getvalue()
 
 
@@ -83,20 +129,57 @@ def _mosaic(raw: Array) -> NDArray[np.uint16]:
     return np.rint(BLACK + seen * (WHITE - BLACK)).astype(np.uint16)
 
 
-def _dng(mosaic: NDArray[np.uint16], exposure: dict[int, float], model: str, orientation: int) -> bytes:
+def _dng(
+    mosaic: NDArray[np.uint16],
+    exposure: dict[int, float],
+    model: str,
+    orientation: int,
+    preview: tuple[tuple[int, ...], bytes, int] | None = None,
+    balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> bytes:
+    """Return the file; a preview (its height and width, content, TIFF's compression) comes first, as in cameras'."""
+    tags = _dng_tags(mosaic.shape, exposure, model, orientation, balance)
+    content = mosaic.astype("<u2").tobytes()
+    if preview is None:
+        return b"II*\0\x08\0\0\0" + _folder(tags, 8) + content
+    whole = (254, 256, 257, 258, 259, 262, 273, 277, 278, 279, 33421, 33422, 50714, 50717)  # about pixels
+    first = {tag: entry for tag, entry in tags.items() if tag not in whole}
+    (height, width), stored, compression = preview
+    first |= {
+        254: (_LONG, 1),  # NewSubfileType: a preview
+        256: (_LONG, width),
+        257: (_LONG, height),
+        258: (_SHORT, (8, 8, 8)),
+        259: (_SHORT, compression),
+        262: (_SHORT, 6 if compression == 7 else 2),  # PhotometricInterpretation: YCbCr or RGB
+        273: (_LONG, 0),
+        277: (_SHORT, 3),
+        278: (_LONG, height),
+        279: (_LONG, len(stored)),
+        330: (_LONG, 0),  # SubIFDs: where the mosaic's folder stands
+    }
+    start = 8 + len(_folder(first, 8)) + len(stored)
+    first[330] = (_LONG, start)
+    inner = _folder({tag: tags[tag] for tag in whole}, start)
+    return b"II*\0\x08\0\0\0" + _folder(first, 8) + stored + inner + content
+
+
+def _folder(tags: dict[int, tuple[int, Any]], offset: int) -> bytes:
+    """Return a folder of tags at that offset, whose StripOffsets is what follows it."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     folder = ImageFileDirectory_v2(prefix=b"II")
-    for tag, (kind, value) in _dng_tags(mosaic.shape, exposure, model, orientation).items():
+    for tag, (kind, value) in tags.items():
         folder.tagtype[tag], folder[tag] = kind, value
-    file = BytesIO()
-    folder.save(file)  # sets StripOffsets to what follows
-    file.write(mosaic.astype("<u2").tobytes())
-    return file.getvalue()
+    return bytes(folder.tobytes(offset))
 
 
 def _dng_tags(
-    shape: tuple[int, ...], exposure: dict[int, float], model: str, orientation: int
+    shape: tuple[int, ...],
+    exposure: dict[int, float],
+    model: str,
+    orientation: int,
+    balance: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> dict[int, tuple[int, Any]]:
     """Return type and value of every tag of the one folder of the file."""
     height, width = shape
@@ -123,6 +206,6 @@ def _dng_tags(
         50714: (_LONG, BLACK),  # BlackLevel
         50717: (_LONG, WHITE),  # WhiteLevel
         50721: (_SIGNED_RATIO, tuple(np.eye(3).ravel().tolist())),  # ColorMatrix1
-        50728: (_RATIO, (1.0, 1.0, 1.0)),  # AsShotNeutral
+        50728: (_RATIO, tuple(1 / factor for factor in balance)),  # AsShotNeutral
         50778: (_SHORT, 21),  # CalibrationIlluminant1: D65
     }

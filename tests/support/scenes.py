@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crfbench.curves import Array, as_valid_curves, evaluate
+from crfbench.camera.synthetic import render_series
+from crfbench.curves import GRID, Array, as_valid_curves, evaluate
 from crfbench.datasets.chart import COLUMNS, ROWS, UNIT, chart_colours, homography, project
 from crfbench.datasets.middlebury import N_PATCHES
 
@@ -155,3 +156,70 @@ def _falloff(points: Array, size: tuple[int, int], vignetting: float) -> Array:
     """Return the share of light that reaches points given in pixels: 1 in the middle, less with the squared radius."""
     radius = np.linalg.norm(points - np.divide(size, 2), axis=-1) / (np.linalg.norm(size) / 2)
     return np.asarray(1.0 - vignetting * radius**2)
+
+
+#: What a camera makes of its balanced sensor's colours; rows sum to 1.
+MATRIX = np.array([[1.5, -0.35, -0.15], [-0.2, 1.4, -0.2], [0.0, -0.5, 1.5]])
+BALANCE = (2.0, 1.0, 1.5)
+
+
+def render_photograph(
+    response: ArrayLike,
+    seed: int = 0,
+    *,
+    matrix: ArrayLike = MATRIX,
+    balance: tuple[float, float, float] = BALANCE,
+    gain: float = 1.1,
+    size: tuple[int, int] = (1200, 800),
+    crop: float = 0.02,
+    distortion: float = 0.01,
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Photograph a random scene of smooth colours and edges; the JPEG is developed, cropped and its lens corrected.
+
+    Parameters
+    ----------
+    response : array_like, shape (1024,) or (3, 1024)
+        Forward, of all channels or of red, green and blue.
+    seed : int
+        Of scene and noise.
+    matrix : array_like, shape (3, 3)
+        From the sensor's colours, balanced, to those that the response bends.
+    balance : tuple of float
+    gain : float
+        What the camera multiplies the sensor's colours by; green that fills the sensor is beyond white from 1 on.
+    size : tuple of int
+        Width and height in pixels of the sensor.
+    crop : float
+        Share of each side that the JPEG lacks.
+    distortion : float
+        By how much of its distance from the centre a corner is moved.
+
+    Returns
+    -------
+    raw : ndarray, shape (height, width, 3)
+    jpeg : ndarray of uint8
+    """
+    import cv2
+
+    rng = np.random.default_rng(seed)
+    light = render_series(GRID, seed, size=size, stops=(0.0,), decades=2.0).radiance
+    colour = [cv2.resize(rng.uniform(-0.6, 0.6, (4, 6)), size, interpolation=cv2.INTER_CUBIC) for _ in range(3)]
+    sensor = 1.3 * light * np.exp(np.stack(colour, axis=-1)) / np.array(balance)
+    noise = rng.standard_normal(sensor.shape) * np.sqrt(sensor / 20_000 + 0.001**2)
+    raw = np.clip(sensor + noise, 0.0, 1.0)
+    calm = cv2.GaussianBlur(raw, (0, 0), 1.0)  # cameras take out most of the noise
+    developed = np.clip(gain * calm * np.array(balance) @ np.asarray(matrix).T, 0.0, 1.0)
+    curves = np.broadcast_to(as_valid_curves(response), (3, len(GRID)))
+    bent = np.stack([np.interp(developed[..., c], GRID, curves[c]) for c in range(3)], axis=-1)
+    return raw, np.rint(255 * _corrected(bent, crop, distortion)).astype(np.uint8)
+
+
+def _corrected(image: Array, crop: float, distortion: float) -> Array:
+    """Return the picture without its border, each point moved outwards with the square of its distance."""
+    import cv2
+
+    height, width = image.shape[:2]
+    x, y = np.meshgrid(*(np.arange(round(n * (1 - crop))) - (round(n * (1 - crop)) - 1) / 2 for n in (width, height)))
+    scale = 1 - distortion * (x**2 + y**2) / (np.hypot(width, height) / 2) ** 2
+    columns, rows = ((scale * v + (n - 1) / 2).astype(np.float32) for v, n in ((x, width), (y, height)))
+    return np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR))
