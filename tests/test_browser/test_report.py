@@ -75,7 +75,7 @@ def test_a_press_sorts_and_another_turns_it_round(page):
     heading.click()
     values = numbers(column(page, 9))
     assert values == sorted(values)
-    assert len(set(values)) > 10
+    assert len(set(values)) > 5
     assert sort_of(page, 9) == "ascending"
     heading.click()
     assert numbers(column(page, 9)) == values[::-1]
