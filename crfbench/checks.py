@@ -1,12 +1,12 @@
-"""What an argument must be: numbers, a whole number, a seed, one of some names; all else is an `InputError`."""
+"""What arguments and files must hold: numbers, a whole number, a seed, a known name; else a sentence says what fits."""
 
 import reprlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crfbench.errors import InputError
+from crfbench.errors import FormatError, InputError
 
 #: The greatest number that an argument may be, where nothing else bounds it.
 MOST = 1e30
@@ -77,3 +77,14 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> str:
     if isinstance(value, str) and value in known:
         return value
     raise InputError(f"{name}={value!r} is not known; use one of {', '.join(known)}")
+
+
+def parse_numbers(words: Sequence[object], where: str) -> NDArray[np.float64]:
+    """Turn words of a file, or rows of them of one length, into finite numbers, or raise `FormatError`."""
+    try:
+        values = np.array(words, dtype=np.float64)
+    except ValueError as error:
+        raise FormatError(f"{where} holds something that is not a number: {str(error)[:80]}") from None
+    if not np.isfinite(values).all():
+        raise FormatError(f"{where} holds NaN or infinite values; use finite numbers")
+    return values

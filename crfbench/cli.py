@@ -93,7 +93,7 @@ def fitting(
     _print_tables(
         fitting_tables(data, wanted),
         as_json,
-        wide or ("model", "split", "mean_rmse", "p95_rmse", "nonmonotone", "paper", "verdict"),
+        wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"),
     )
 
 
@@ -189,7 +189,9 @@ def report(
 @app.command()
 def calibrate(
     source: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the files.")],
-    chart: Annotated[str, typer.Option(help="auto, none (an exposure series), or a file of labels")] = "auto",
+    chart: Annotated[
+        str, typer.Option(help="auto, none (RAW files, or an exposure series), or a file of labels")
+    ] = "auto",
     exposures: Annotated[
         str, typer.Option(help="exif, estimate, times such as 1/60,1/30,1/15, a file of lines name time, or names")
     ] = "exif",

@@ -178,7 +178,7 @@ def plot_calibration(
         ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
     ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{ModelKey.of(result.model)}, {result.method}")
     size = 10 if len(brightness) <= _MOST_DOTS else 2
-    ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="patches, aligned", zorder=3)
+    ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="measured, aligned", zorder=3)
     for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, STYLES[1:], strict=False):
         ax.plot(GRID, np.asarray(curve), color=colour, ls=style, label=name, zorder=4)
     unit_square(ax, "inverse")

@@ -44,9 +44,7 @@ def test_a_raw_file_alone_gives_curves_and_matrix(result, truth):
     np.testing.assert_allclose(balanced / balanced.sum(axis=1, keepdims=True), MATRIX, atol=0.06)
     np.testing.assert_allclose(balanced.sum(axis=1), GAIN, rtol=0.05)
     assert list(result.photographs) == ["a"]
-    assert result.notes[-1].startswith(
-        "1 RAW files and their images, without a chart, differ from curves and matrix by "
-    )
+    assert result.notes[-1].startswith("without a chart: matrix and curves of 1 RAW file are off the JPEG by ")
 
 
 def test_its_band_holds_the_truth(result, truth):
@@ -155,6 +153,11 @@ def test_the_example_needs_no_chart():
     result = camera.calibrate(camera.EXAMPLE_FOLDER, "none")
     assert rmse(result.passport.in_direction("forward"), truth).max() < 0.03
     assert len(result.photographs) == 4
+
+
+def test_one_curve_for_all_is_refused_where_colours_tell_each():
+    with pytest.raises(InputError, match="channels='shared' does not fit RAW files without a chart"):
+        camera.calibrate(camera.EXAMPLE_FOLDER, "none", channels="shared")
 
 
 def test_given_exposures_make_a_series_of_the_images():

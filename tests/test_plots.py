@@ -137,7 +137,7 @@ def test_calibration_draws_what_is_put_beside_it_and_residuals_leave_clipped_pat
     result = calibrate(load_model("Gamma-1"), Observations(brightness, reference, clipped=clipped), "map")
     ax = plots.plot_calibration(result, beside={"truth": GRID**2})
     assert np.allclose(drawn(ax)[-1], GRID**2)
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["Gamma-1, map", "patches, aligned", "truth"]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["Gamma-1, map", "measured, aligned", "truth"]
     shown = plots.plot_residuals(result).get_lines()[-1]
     np.testing.assert_allclose(shown.get_xdata(), brightness[~clipped])
     np.testing.assert_allclose(shown.get_ydata(), 100 * result.residuals[0][~clipped])

@@ -29,7 +29,7 @@ from crfbench.numerics import levenberg_marquardt
 # of M off its diagonal; with the last M stays diagonal.
 _SOFT, _MIXED = np.array([0.003, 0.03, 0.003]), np.array([0.3, 0.3, 1e-3])
 _TOLD = 0.1  # posterior standard deviation of a share, from which on the data do not tell M
-_FULL = 0.99  # RAW from which on a colour counts as clipped
+RAW_FULL = 0.99  # from which on a colour counts as clipped
 _FREEDOM = 15.0  # of Student's t
 _LEAST = 0.006  # standard deviation of a brightness, at the least
 _ROUNDS, _STEPS = 5, 12
@@ -165,7 +165,7 @@ def _checked(brightness: ArrayLike, raw: ArrayLike, weights: ArrayLike | None) -
     for name, values, most in (("brightness", jpeg, 1.0), ("raw", linear, 1.0), ("weights", share, 1e6)):
         if values.min(initial=0.0) < 0 or values.max(initial=0.0) > most:
             raise InputError(f"{name} reaches from {values.min():g} to {values.max():g}; use values from 0 to {most:g}")
-    inside = (jpeg > 0) & (linear.max(axis=-1, keepdims=True) < _FULL)
+    inside = (jpeg > 0) & (linear.max(axis=-1, keepdims=True) < RAW_FULL)
     weight = inside * fit_shape("weights", share, jpeg.shape[:-1])[..., None]
     n = 1 if jpeg.ndim == 3 else len(jpeg)
     jpeg, linear, weight = (np.swapaxes(array.reshape(n, -1, 3), 1, 2) for array in (jpeg, linear, weight))

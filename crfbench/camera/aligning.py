@@ -1,8 +1,8 @@
-"""Find by how much the photographs of a series from the hand are off each other, and shift them."""
+"""Reduce photographs, find by how much those of a series from the hand are off each other, and shift them."""
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,25 @@ _WIDEST = 1024  # pixels along the longer side of the pictures that are compared
 _SURE = 0.3  # of the peak of phase correlation, which is 1 for the same picture and near 0 for another
 
 
+Pixels = TypeVar("Pixels", bound=NDArray[Any])
+
+
+def reduced(pixels: Pixels, longest: int) -> Pixels:
+    """Reduce an image (h, w) or (h, w, c) so that its longer side has no more than that many pixels."""
+    import cv2
+
+    scale = min(1.0, longest / max(pixels.shape[:2]))
+    size = [max(2, round(scale * length)) for length in pixels.shape[1::-1]]
+    return cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)  # type: ignore[return-value]
+
+
 def equalised(array: NDArray[Any]) -> NDArray[np.uint8]:
     """Reduce the green channel of an image (h, w, c) of 8 or 16 bits to what no response and no exposure changes."""
     import cv2
 
     plane = array[..., array.shape[2] // 2]
     levels = np.ascontiguousarray(plane >> 8 if plane.dtype == np.uint16 else plane).astype(np.uint8)
-    scale = min(1.0, _WIDEST / max(levels.shape))
-    size = tuple(max(1, round(scale * length)) for length in levels.shape[::-1])
-    return np.asarray(cv2.equalizeHist(cv2.resize(levels, size, interpolation=cv2.INTER_AREA)), dtype=np.uint8)
+    return np.asarray(cv2.equalizeHist(reduced(levels, _WIDEST)), dtype=np.uint8)
 
 
 def find_shifts(pictures: Sequence[NDArray[np.uint8]], stops: Array, shape: tuple[int, ...]) -> NDArray[np.intp]:

@@ -98,13 +98,15 @@ def calibrate(
         ISO date for the passport.
     channels : {"rgb", "shared"}
         A curve for each channel, which differ as far as the data tell, or one for all. Of a chart with its RAW files
-        "rgb" also tells the colour matrix; of one without them there is one curve, of intensity.
+        "rgb" also tells the colour matrix; of one without them there is one curve, of intensity. RAW files without a
+        chart are for "rgb" only.
     align : {"auto", "none"}
         Without a chart: whether photographs from the hand are laid over each other (`align_series`).
     white_level : int, optional
         Of images of 16 bits a value, such as 4095; by default guessed from their greatest level (`find_white_level`).
     say : callable, optional
-        Is given, before the work begins, the photographs in order with their exposures, and what is assumed of them.
+        Is given, before the work begins, the photographs in order with their exposures and what is assumed of them;
+        and later what was done to them.
 
     Returns
     -------
@@ -130,7 +132,7 @@ def calibrate(
         labels, timed = None if chart == "auto" else Path(chart), exposures is not None and not estimated
         return _from_chart(plan, labels, timed, key, channels == "rgb", created, say)
     if any(pair.raw for pair in plan.pairs):
-        return _from_pairs(plan, key, created, say)
+        return _from_pairs(plan, key, channels == "rgb", created, say)
     error = None if estimated else _NOMINAL if exposures is None else _EXACT
     result = _from_series(plan, error, key, channels == "rgb", align == "auto", created)
     for text in result.notes[len(plan.notes) :]:
@@ -153,7 +155,7 @@ def _from_chart(
     patches, measured, unmeasured = chart_table(plan.pairs, load_labels(labels) if labels else None, plan.white_level)
     used = plan.without(unmeasured)
     if patches.empty and labels is None and any(pair.raw for pair in plan.pairs):
-        return _from_pairs(plan, key, created, say)
+        return _from_pairs(plan, key, rgb, created, say)
     if patches.empty:
         raise InputError(
             f"no photograph with a chart is left ({_reasons(used.problems)}); "
@@ -173,7 +175,9 @@ def _from_chart(
     )
 
 
-def _from_pairs(plan: Plan, key: ModelKey, created: str, say: Callable[[str], object]) -> CameraCalibration:
+def _from_pairs(plan: Plan, key: ModelKey, rgb: bool, created: str, say: Callable[[str], object]) -> CameraCalibration:
+    if not rgb:
+        raise InputError("channels='shared' does not fit RAW files without a chart, which tell each channel; use 'rgb'")
     measured, problems = scene_pairs(plan.pairs, plan.white_level)
     if not measured:
         raise InputError(

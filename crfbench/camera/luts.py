@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crfbench.camera.passport import Passport
+from crfbench.checks import parse_numbers
 from crfbench.curves import GRID, N_SAMPLES, Array, Direction, repair
 from crfbench.errors import FormatError
 
@@ -36,13 +37,7 @@ def numbers(rows: list[list[str]], where: str) -> Array:
     lengths = {len(row) for row in rows}
     if len(lengths) != 1:
         raise FormatError(f"{where} has rows of {str(sorted(lengths) or 'no')[:40]} values; use rows of one length")
-    try:
-        values = np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise FormatError(f"{where} holds something that is not a number: {str(error)[:80]}") from None
-    if not np.isfinite(values).all():
-        raise FormatError(f"{where} holds NaN or infinite values; use finite numbers")
-    return values
+    return parse_numbers(rows, where)
 
 
 def on_grid(samples: Array, low: ArrayLike = 0.0, high: ArrayLike = 1.0) -> Array:

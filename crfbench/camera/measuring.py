@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Observations
 from crfbench.calibration.observations import colour_error
+from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem, exposure_steps
 from crfbench.camera.reading import Exif, read_exif, read_image, read_raw
 from crfbench.camera.worker import WORKER
@@ -75,7 +76,7 @@ def find_chart(image: ArrayLike) -> tuple[Array, float]:
     pixels = _check_image(image).astype(np.float32, copy=False)
     nearest = _Reading(np.zeros((4, 2)), -1.0, 1.0, "nothing in it looks like one")
     for longest in _LONGEST_SIDES:
-        small = _reduced(pixels, longest)
+        small = reduced(pixels, longest)
         # The detector enlarges the shorter side to 1000 pixels, so a strip would become huge.
         proposed = _candidates(_stretched(small)) if min(small.shape[:2]) >= _SHORTEST_SIDE else ()
         readings = [_read(pixels, corners) for corners in proposed]
@@ -179,14 +180,6 @@ def _check_image(image: ArrayLike) -> NDArray:
     if not np.isfinite(pixels).all():
         raise InputError("the image holds NaN or infinite values; use finite values in [0, 1]")
     return pixels
-
-
-def _reduced(pixels: NDArray[np.float32], longest: int) -> NDArray[np.float32]:
-    import cv2
-
-    scale = min(1.0, longest / max(pixels.shape[:2]))
-    width, height = (max(2, round(scale * length)) for length in pixels.shape[1::-1])
-    return np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def _stretched(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crfbench.calibration import Calibration
-from crfbench.calibration.colour import ColourCalibration, calibrate_colour
+from crfbench.calibration.colour import RAW_FULL, ColourCalibration, calibrate_colour
 from crfbench.calibration.observations import SATURATED
+from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem
 from crfbench.camera.reading import read_balance, read_image, read_raw
 from crfbench.camera.worker import WORKER
@@ -32,7 +33,6 @@ _PARTS = 16  # of the longer side, in each of which brightness and contrast are 
 _WILD = 0.5  # standard deviations from which on a pixel counts for less
 _SIDE = 8  # pixels of a block
 _UNEVEN, _NOISY = 4 / 255, 0.15  # greatest standard deviation in a block: brightness; RAW, as a share of its mean
-_FULL = 0.99  # RAW from which on a pixel counts as clipped
 # The cube of colours has 16 equal steps a side, and finer ones where responses are steep and end.
 _EDGES = np.sort([*np.arange(1, 16) / 16, 1e-6, 0.01, 0.02, 0.04, 0.955, 0.97, 0.98, 0.988, SATURATED])
 _GAMMA = 2.2  # of a typical response: what is averaged is nearly straight then
@@ -90,8 +90,8 @@ def calibrate_pairs(
     rest = float(np.sqrt((rms[used] ** 2).mean()))
     calibration = _widened(found.calibration, rest)
     stops = np.sqrt((calibration.residuals[calibration.observations.counts] ** 2).mean()) / np.log(2)
-    told = f"{used.sum()} RAW files and their images, without a chart, differ from curves and matrix"
-    note = f"{told} by {255 * rest:.1f} counts of 255 ({stops:.2f} stops), for which the bands allow"
+    files = f"{used.sum()} RAW file{'s' if used.sum() > 1 else ''}"
+    note = f"without a chart: matrix and curves of {files} are off the JPEG by {255 * rest:.1f} counts of 255 ({stops:.2f} stops), for which the bands allow"
     balance = next(iter(measured.values())).balance
     return replace(found, matrix=found.matrix * balance, calibration=calibration), odd, note
 
@@ -109,7 +109,7 @@ def _padded(photographs: list[ScenePairs]) -> tuple[Array, Array, Array]:
 
 def _unexplained(found: ColourCalibration, jpeg: Array, raw: Array, weights: Array) -> Array:
     """Return how far brightness is off what matrix and curves make of the RAW values of each photograph, RMS, (e,)."""
-    seen = (weights[..., None] > 0) & (jpeg > 0) & (jpeg < SATURATED) & (raw.max(axis=2, keepdims=True) < _FULL)
+    seen = (weights[..., None] > 0) & (jpeg > 0) & (jpeg < SATURATED) & (raw.max(axis=2, keepdims=True) < RAW_FULL)
     off = jpeg - found.develop(raw.reshape(1, -1, 3)).reshape(jpeg.shape)
     return np.asarray(np.sqrt(np.where(seen, off**2, 0.0).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)))
 
@@ -138,12 +138,12 @@ def measure_pairs(jpeg: Path, raw: Path, white_level: int | None = None) -> Scen
     cells of a cube of 16^3 colours of the image, so that no background outweighs the rest. Files are decoded in this
     process. `FormatError` where the files do not show the same, or too little.
     """
-    image, linear = _reduced(read_image(jpeg, white_level), _LONGEST_SIDE), read_raw(raw, half=True)
+    image, linear = reduced(read_image(jpeg, white_level), _LONGEST_SIDE), read_raw(raw, half=True)
     for path, pixels in ((jpeg, image), (raw, linear)):
         if pixels.ndim == 2:
             raise FormatError(f"{path.name} is grey; use a photograph in colour, or a series (--exposures)")
     balance = read_balance(raw).astype(np.float32)
-    linear = _reduced(linear, max(image.shape))
+    linear = reduced(linear, max(image.shape))
     laid, likeness = lay_over(linear, image, balance)
     if likeness < _LEAST_LIKE:
         names = raw.name if jpeg == raw else f"{jpeg.name} and {raw.name}"
@@ -176,21 +176,13 @@ def lay_over(linear: Pixels, image: Pixels, balance: NDArray[np.float32]) -> tup
     return _shifted(turned[best], image.shape, shifts), likeness
 
 
-def _reduced(pixels: Pixels, longest: int) -> Pixels:
-    import cv2
-
-    scale = min(1.0, longest / max(pixels.shape[:2]))
-    size = [max(2, round(scale * length)) for length in pixels.shape[1::-1]]
-    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-
-
 def _registered(raw: Pixels, image: Pixels, shifts: Array, side: int, degree: int, steps: int) -> tuple[Array, float]:
     """Improve shifts by Gauss-Newton steps on pictures of that longer side, and say how alike they are then.
 
     Lucas and Kanade 1981, "An iterative image registration technique", with brightness and contrast made equal
     everywhere, as the response and local tones change both.
     """
-    raw, image = _reduced(raw, side), _reduced(image, side)
+    raw, image = reduced(raw, side), reduced(image, side)
     seen, (v, u) = _equalised(image), _places(image.shape)
     part = slice(None, None, max(1, side // 512))
     powers = np.array([(i, j) for i in range(4) for j in range(4) if i + j <= degree])
@@ -256,7 +248,7 @@ def _flat_blocks(image: Pixels, laid: Pixels) -> tuple[Array, Array]:
     flat = (b.std(axis=1) < _UNEVEN) & (light.std(axis=1) < _NOISY * mean + 0.002)
     low, high = b.min(axis=1), b.max(axis=1)
     whole = ((low > 0) & (high < SATURATED)) | (low >= SATURATED) | (high <= 0)
-    used = (flat & whole & (light.max(axis=1) < _FULL)).all(axis=1)
+    used = (flat & whole & (light.max(axis=1) < RAW_FULL)).all(axis=1)
     return level[used].astype(np.float64), mean[used].astype(np.float64)
 
 

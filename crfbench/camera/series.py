@@ -38,8 +38,9 @@ _READING, _FINE = 0.005, 0.1
 # that have risen so far that they say nothing, share of the pixels that three levels need.
 _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200, 0.0007
 # Of what moved: rounds of leaving out; off by at least this much of log irradiance, more below a brightness, and so
-# many times what is usual; above the darkest, which may be a floor; the share of the blocks that is not worth a round.
-_ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW = 5, 0.35, 0.3, 6.0, 0.03, 0.01
+# many times what is usual; above the darkest, which may be a floor; the share of the blocks that is not worth a round,
+# and that which stays: where fewer would, it is not the scene that moves.
+_ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW, _LEFT = 5, 0.35, 0.3, 6.0, 0.03, 0.01, 0.25
 _FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
 
@@ -121,13 +122,14 @@ def calibrate_series(
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
     fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed)
-    still = np.ones(observations.brightness.shape, dtype=bool)
+    found, still = fit(_weighted(observations), method), np.ones(observations.brightness.shape, dtype=bool)
     for _ in range(_ROUNDS):
-        found = fit(_weighted(observations, still), method)
-        moved = _moved(found) & still
-        if moved.any(axis=1).mean() < _FEW:
+        rest = still & ~_moved(found)
+        left = rest[:, 0].mean(axis=1)
+        if (still[:, 0].mean() - left.mean()) < _FEW or left.min() < _LEFT:
             break
-        still &= ~moved
+        still = rest
+        found = fit(_weighted(observations, still), method)
     floor = black_floor(images, exposures, found.curves)
     if floor.any():
         light = still & (observations.brightness > floor[:, None, None])
@@ -167,7 +169,7 @@ def _estimated(
     power = usual.std() / abs(usual.mean())  # its relative standard deviation
     bands = {level: _with_power(found.curves, band, power, level) for level, band in found.bands.items()}
     said = "the exposures are estimated from the photographs: any power of the curve fits as well, as its band says"
-    return replace(found, bands=bands, warnings=tuple((*texts, said) for texts in found.warnings))
+    return _told(replace(found, bands=bands), [said] * len(found))
 
 
 def _with_power(curves: Array, band: tuple[Array, Array], power: float, level: float) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import ArrayLike
 
+from crfbench.checks import parse_numbers
 from crfbench.curves import GRID, N_SAMPLES, Array, Direction, as_curves, check_direction, resample
 from crfbench.datasets.registry import find, known, require
 from crfbench.datasets.responses import Responses, chained, near_copies
@@ -166,13 +167,7 @@ def _values(text: str, where: str) -> Array:
     words = text.split()
     if len(words) != N_SAMPLES:
         raise FormatError(f"{where} has {len(words)} values; it needs {N_SAMPLES}")
-    try:
-        values = np.array(words, dtype=np.float64)
-    except ValueError as error:
-        raise FormatError(f"{where} holds something that is not a number: {str(error)[:80]}") from None
-    if not np.isfinite(values).all():
-        raise FormatError(f"{where} holds NaN or infinite values; use finite numbers")
-    return values
+    return parse_numbers(words, where)
 
 
 def fingerprint(curves: ArrayLike) -> dict[str, list[float]]:

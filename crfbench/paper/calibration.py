@@ -95,11 +95,12 @@ def calibration_table(
     how = _How(method, channel, discrepancy, seed)
     found = [(name, method, *_calibrated(name, chart, subsets, how)) for name in map(str, rows)]
     found += [(name, "floor", cameras, {}) for name, cameras in _floors(chart, channel)]
+    recorded = load_recorded("calibration_paper")[0].astype({"patches": str})
     first, table = found[0][2], []
     for name, by, cameras, further in found:
         case = {"model": name, "method": by, "patches": patches, "channel": channel}
         measured = {**_over_cameras(cameras, first, seed), **further}
-        table.append({**case, **measured, **_beside_paper(case, measured)})
+        table.append({**case, **measured, **_beside_paper(case, measured, recorded)})
     return pd.DataFrame(table, columns=list(COLUMNS))
 
 
@@ -239,9 +240,8 @@ def _over_cameras(cameras: Array, first: Array, seed: int) -> dict[str, object]:
     }
 
 
-def _beside_paper(case: dict[str, str], ours: dict[str, object]) -> dict[str, object]:
+def _beside_paper(case: dict[str, str], ours: dict[str, object], recorded: pd.DataFrame) -> dict[str, object]:
     """Return the paper's figures of a row, our mean by its method, and where that is comparable the verdict on it."""
-    recorded = load_recorded("calibration_paper")[0].astype({"patches": str})
     same = recorded.query("model == @case['model'] and patches == @case['patches']")
     found: dict[str, object] = {"verdict": "not comparable"}
     if case["model"] in CALIBRATION:

@@ -61,7 +61,7 @@ def stability_table(
     -------
     DataFrame
         With the columns of `COLUMNS`, for each model and the methods "paper", "map" and "posterior": ``camera`` is its
-        name or "all", the mean over all; ``subsets`` is "stated" or "<n> triples"; ``total_variance`` is the mean and
+        name or "all", the mean over all; ``subsets`` is "stated" or "triples"; ``total_variance`` is the mean and
         ``median`` the median over cameras and lights. See `DEFINITION`; ``rmse`` and the same up to scale are
         those of triples. The paper's method is run for the one camera only.
     """
@@ -86,7 +86,7 @@ def stability_table(
             curves = fitted(drawn, method).curves
             apart = [total_variance(curves[turns == one]) for one in np.unique(turns)]
             far = held_out_rmse(curves, chart, turns).mean(axis=1)
-            row = _row(name, method, ("all", f"{triples} triples"), apart)
+            row = _row(name, method, ("all", "triples"), apart)
             found.append(row | {"rmse": far[0], "rmse_scaled": far[1]})
     return pd.DataFrame(found, columns=list(COLUMNS))
 
