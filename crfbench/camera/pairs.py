@@ -91,7 +91,8 @@ def calibrate_pairs(
     calibration = _widened(found.calibration, rest)
     stops = np.sqrt((calibration.residuals[calibration.observations.counts] ** 2).mean()) / np.log(2)
     files = f"{used.sum()} RAW file{'s' if used.sum() > 1 else ''}"
-    note = f"without a chart: matrix and curves of {files} are off the JPEG by {255 * rest:.1f} counts of 255 ({stops:.2f} stops), for which the bands allow"
+    off = f"{255 * rest:.1f} counts of 255 ({stops:.2f} stops)"
+    note = f"without a chart: matrix and curves of {files} are off the JPEG by {off}, for which the bands allow"
     balance = next(iter(measured.values())).balance
     return replace(found, matrix=found.matrix * balance, calibration=calibration), odd, note
 
