@@ -33,7 +33,7 @@ def send(panel: TrainingPanel, **message: object) -> None:
 
 
 def wait_until(condition) -> None:
-    end = time.monotonic() + 30
+    end = time.monotonic() + 240
     while not condition():
         assert time.monotonic() < end, "it did not happen"
         time.sleep(0.01)

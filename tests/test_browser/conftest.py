@@ -7,6 +7,8 @@ import pytest
 
 from benchmarks.jupyter_page import CHROMIUM_OPTIONS, KERNEL, Lab, find_chromium, notebook_text, running_lab
 
+from .looks import PATIENCE
+
 
 @pytest.fixture(scope="session")
 def chromium_path() -> str:
@@ -19,12 +21,19 @@ def chromium_path() -> str:
 
 # Playwright keeps an event loop running, which later tests must not find: hence "package", not "session".
 @pytest.fixture(scope="package")
-def browser(chromium_path: str) -> Iterator:
+def new_context(chromium_path: str) -> Iterator[Callable]:
+    """Return a function that opens a context of Chromium with Playwright's options, and waits for what is slow."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=chromium_path, args=CHROMIUM_OPTIONS)
-        yield chromium
+
+        def opened(**options: object):
+            context = chromium.new_context(**options)
+            context.set_default_timeout(1000 * PATIENCE)
+            return context
+
+        yield opened
         chromium.close()
 
 
@@ -35,23 +44,23 @@ def lab(chromium_path: str, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 @pytest.fixture(scope="module")
-def open_notebook(browser, lab: Lab) -> Iterator[Callable]:
+def open_notebook(new_context: Callable, lab: Lab) -> Iterator[Callable]:
     """Open a notebook of these cells, run it all, and return the page; ``width`` is the window's."""
-    pages = []
+    contexts = []
 
     def opened(name: str, cells: list[str], width: int = 1100):
         (lab.folder / name).write_text(notebook_text(cells), encoding="utf-8")
-        page = browser.new_page(viewport={"width": width, "height": 900})
-        pages.append(page)
+        contexts.append(new_context(viewport={"width": width, "height": 900}))
+        page = contexts[-1].new_page()
         page.goto(lab.page(name))
-        page.wait_for_selector(".jp-CodeCell", timeout=120_000)
+        page.wait_for_selector(".jp-CodeCell")
         page.wait_for_function(f"() => {KERNEL}?.status === 'idle'")
         page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
         return page
 
     yield opened
-    for page in pages:
-        page.close()
+    for context in contexts:
+        context.close()
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,21 @@
 """What the tests of several widgets do on a page and look at."""
 
 import os
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+PATIENCE = 240  # seconds until what does not come is held to be missing, also on a machine with much else to do
+
+
+def eventually(page, look: Callable[[], Any], right: Callable[[Any], bool]) -> Any:
+    """Look again and again until what is seen is right, and return it."""
+    end = time.monotonic() + PATIENCE
+    while not right(seen := look()):
+        assert time.monotonic() < end, f"last seen: {seen}"
+        page.wait_for_timeout(50)
+    return seen
 
 
 def picture(page, within: str = ".crf") -> str:

@@ -37,7 +37,7 @@ def opened(open_notebook: Callable, complaints: list[str]):
     page = open_notebook("calibration.ipynb", CELLS)
     page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.wait_for_selector(".crf", timeout=120_000)
+    page.wait_for_selector(".crf")
     return page
 
 

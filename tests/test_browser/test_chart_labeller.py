@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from .looks import picture, settled
+from .looks import eventually, picture, settled
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -44,7 +44,7 @@ def opened(open_notebook: Callable, lab):
     page.errors = []
     page.on("pageerror", lambda error: page.errors.append(str(error)))
     page.on("console", lambda message: page.errors.append(message.text) if message.type == "error" else None)
-    page.wait_for_selector(".crf[aria-busy=false]", timeout=120_000)
+    page.wait_for_selector(".crf[aria-busy=false]")
     return page
 
 
@@ -87,21 +87,16 @@ def labels(page, run_python: Callable) -> dict[str, list]:
 
 def wait_for_labels(page, run_python: Callable, names: list[str]) -> dict[str, list]:
     """Wait until Python has heard of what the page did."""
-    for _ in range(50):
-        if sorted(found := labels(page, run_python)) == names:
-            return found
-        page.wait_for_timeout(50)
-    raise AssertionError(f"Python has labels of {sorted(found)}, not of {names}")
+    return eventually(page, lambda: labels(page, run_python), lambda found: sorted(found) == names)
 
 
 def wait_for_corner(page, run_python: Callable, number: int, expected: np.ndarray) -> None:
     """Wait until Python has the last of several moves, of which the page may send some together."""
-    for _ in range(50):
-        found = labels(page, run_python).get("first", np.zeros((4, 2)))[number - 1]
-        if np.allclose(found, expected, atol=1e-9):
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"Python has corner {number} at {found}, not at {expected}")
+    eventually(
+        page,
+        lambda: labels(page, run_python).get("first", np.zeros((4, 2)))[number - 1],
+        lambda found: np.allclose(found, expected, atol=1e-9),
+    )
 
 
 def label_the_first(page, run_python: Callable) -> None:
@@ -254,6 +249,6 @@ def test_what_is_saved_is_shown_by_a_fresh_labeller(page, run_python: Callable, 
     expected = [place(page, number) for number in range(1, 5)]
     run_python(page, "labeller.save('labels.json', overwrite=True)")
     fresh = open_notebook("fresh.ipynb", [*CELLS[:1], "labeller.load('labels.json')\nlabeller"])
-    fresh.wait_for_selector(".crf[aria-busy=false]", timeout=120_000)
+    fresh.wait_for_selector(".crf[aria-busy=false]")
     assert [place(fresh, number) for number in range(1, 5)] == expected
     assert fresh.get_by_role("status").inner_text() == "This photograph is labelled; 1 of 3 labelled."

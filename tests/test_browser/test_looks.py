@@ -52,9 +52,7 @@ class Seen(NamedTuple):
 def seen(open_notebook: Callable) -> Seen:
     page = open_notebook("looks.ipynb", [FIRST, *WIDGETS.values()])
     page.set_viewport_size({"width": 1100, "height": 8000})  # JupyterLab leaves out what is far from the window
-    page.wait_for_function(
-        "(n) => document.querySelectorAll('.jp-CodeCell .crf').length === n", arg=len(WIDGETS), timeout=120_000
-    )
+    page.wait_for_function("(n) => document.querySelectorAll('.jp-CodeCell .crf').length === n", arg=len(WIDGETS))
     page.evaluate(
         "(names) => names.forEach((name, i) => (document.querySelectorAll('.jp-CodeCell')[i + 1].id = name))",
         list(WIDGETS),

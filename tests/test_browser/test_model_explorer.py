@@ -34,7 +34,7 @@ def opened(open_notebook: Callable, lab):
     np.save(lab.folder / "curves.npy", CURVES)
     (lab.folder / "names.json").write_text(str(NAMES).replace("'", '"'), encoding="utf-8")
     page = open_notebook("explorer.ipynb", CELLS)
-    page.wait_for_selector(".crf", timeout=120_000)
+    page.wait_for_selector(".crf")
     return page
 
 

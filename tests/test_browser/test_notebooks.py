@@ -19,21 +19,21 @@ DONE = f"""() => {{
 
 
 @pytest.fixture
-def page(browser):
-    opened = browser.new_page(viewport={"width": 1200, "height": 1000})
-    yield opened
-    opened.close()
+def page(new_context):
+    context = new_context(viewport={"width": 1200, "height": 1000})
+    yield context.new_page()
+    context.close()
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs_from_a_fresh_kernel(notebook, lab, page):
     shutil.copyfile(notebook, lab.folder / notebook.name)
     page.goto(lab.page(notebook.name))
-    page.wait_for_selector(".jp-CodeCell", timeout=120_000)
-    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'", timeout=120_000)
+    page.wait_for_selector(".jp-CodeCell")
+    page.wait_for_function(f"() => {KERNEL}?.status === 'idle'")
     page.evaluate("jupyterapp.commands.execute('notebook:clear-all-cell-outputs')")
     page.evaluate("jupyterapp.commands.execute('notebook:run-all-cells')")
-    page.wait_for_function(DONE, timeout=240_000)
+    page.wait_for_function(DONE)
     assert (
         page.locator(
             "[data-mime-type='application/vnd.jupyter.error'], [data-mime-type='application/vnd.jupyter.stderr']"

@@ -1,6 +1,6 @@
 """The report as its reader meets it: a file, no network, by mouse and by keyboard, light, dark and narrow."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -18,9 +18,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def opened(browser, file: Path) -> Iterator:
+def opened(new_context: Callable, file: Path) -> Iterator:
     """Open the page, which notes whatever it asks of the network or says in the console."""
-    context = browser.new_context(offline=True)
+    context = new_context(offline=True)
     page = context.new_page()
     page.troubles = []
     page.on("console", lambda message: page.troubles.append(message.text))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from .looks import picture, settled
+from .looks import eventually, picture, settled
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -32,7 +32,7 @@ linked = jslink((explorer, "m"), (slider, "value"))""",
 @pytest.fixture(scope="module")
 def opened(open_notebook: Callable):
     page = open_notebook("search.ipynb", CELLS)
-    page.wait_for_selector(".crf", timeout=120_000)
+    page.wait_for_selector(".crf")
     return page
 
 
@@ -57,11 +57,7 @@ def wait_for_name(page, text: str) -> None:
 
 def python_value(page, run_python: Callable, code: str, expected: str) -> None:
     """Wait until Python has heard of what the page did."""
-    for _ in range(50):
-        if (found := run_python(page, f"print({code})").strip()) == expected:
-            return
-        page.wait_for_timeout(50)
-    assert found == expected
+    eventually(page, lambda: run_python(page, f"print({code})").strip(), lambda found: found == expected)
 
 
 def test_dragging_m_moves_the_choice(page, run_python: Callable) -> None:

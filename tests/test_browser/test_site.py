@@ -1,7 +1,7 @@
 """The site as its reader meets it: from a plain file server, with nothing else in reach."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -31,9 +31,9 @@ def address(site: Path) -> Iterator[str]:
 
 
 @pytest.fixture
-def page(browser, address: str) -> Iterator:
+def page(new_context: Callable, address: str) -> Iterator:
     """Open the site's index; whatever a page asks of other servers, or says in the console, fails the test."""
-    context = browser.new_context(base_url=address, viewport={"width": 1100, "height": 900})
+    context = new_context(base_url=address, viewport={"width": 1100, "height": 900})
     troubles: list[str] = []
 
     def gate(route) -> None:
