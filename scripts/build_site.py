@@ -49,7 +49,7 @@ PAGES = {
     "api/index.html": "API reference",
 }
 #: Functions whose figures hold pictures, which stay as they are on a dark page; line drawings are turned dark.
-PICTURES = {"plot_chart", "plot_linearised", "plot_latent_epochs"}
+PICTURES = {"plot_chart", "plot_latent_epochs"}
 NUMBER = re.compile(r"([-+−]?[\d.,]+(e[-+]?\d+)?( ?%)?|NaN|)", flags=re.IGNORECASE)
 
 

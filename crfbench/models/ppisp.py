@@ -41,9 +41,7 @@ class PPISP(ClosedForm):
     """
 
     name = "PPISP"
-    equation = (
-        "y = [a (x/c)^{t}]^{γ} for x ≤ c, else y = [1 − b ((1 − x)/(1 − c))^{s}]^{γ}; a and b = 1 − a let both meet"
-    )
+    equation = "y = [a (x/c)^{t}]^{γ} for x ≤ c, else y = [1 − b ((1 − x)/(1 − c))^{s}]^{γ}; a + b = 1"
     param_notes = (
         "t: above 1, shadows stay dark for longer",
         "s: above 1, bright tones flatten before white",
