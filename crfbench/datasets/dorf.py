@@ -200,13 +200,8 @@ def known_fingerprint() -> dict[str, list[float]]:
 def load_emor_basis(direction: Direction = "inverse") -> tuple[Array, Array]:
     """Load the published EMoR basis from the data folders: ``invemor.txt`` or ``emor.txt``.
 
-    No file is a `MissingDataError`; one that is damaged is a `FormatError`.
-
-    Returns
-    -------
-    mean : ndarray, shape (1024,)
-    components : ndarray, shape (25, 1024)
-        Orthonormal to 1e-7, the largest eigenvalue first.
+    Returns the mean (1024,) and the components (25, 1024), orthonormal to 1e-7, the largest eigenvalue first. No file
+    is a `MissingDataError`; one that is damaged is a `FormatError`.
     """
     file, head, *_ = _EMOR[check_direction(direction)]
     path = require(file, "emor")

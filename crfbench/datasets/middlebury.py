@@ -51,27 +51,20 @@ _DTYPES = dict.fromkeys(COLUMNS, "float64") | {"camera": "str"} | dict.fromkeys(
 
 
 class PatchArrays(NamedTuple):
-    """The patch table as arrays: c cameras x 2 illuminations x 4 exposures x 24 patches."""
+    """The patch table as arrays: c cameras x 2 illuminations x 4 exposures, one stop apart, x 24 patches."""
 
     cameras: tuple[str, ...]
-    # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]; photographs of one illumination lie one stop apart
-    jpeg: Array
-    # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]; photographs of one illumination lie one stop apart
-    raw: Array
+    jpeg: Array  # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]
+    raw: Array  # the same
     clipped: np.ndarray  # shape (c, 2, 4, 24); where the JPEG patch is clipped
 
 
 def load_patches() -> "pd.DataFrame":
     """Load the bundled patch table: 14 cameras x 8 photographs x 24 patches = 2688 rows.
 
-    A damaged file is a `FormatError`.
-
-    Returns
-    -------
-    DataFrame
-        Sorted by camera, illumination (1, 2), exposure (1 to 4) and patch (1 to 24); ``{jpeg,raw}_{r,g,b}`` are the
-        means over the patch's box in [0, 1]; ``{jpeg,raw}_clipped`` is the share of its pixels with any channel at 0
-        (too dark to count) or at 254 or more (saturated), of 255. 6 digits.
+    Sorted by camera, illumination (1, 2), exposure (1 to 4) and patch (1 to 24); ``{jpeg,raw}_{r,g,b}`` are the means
+    over the patch's box in [0, 1]; ``{jpeg,raw}_clipped`` is the share of its pixels with any channel at 0 (too dark to
+    count) or at 254 or more (saturated), of 255. 6 digits. A damaged file is a `FormatError`.
     """
     import pandas as pd
 
@@ -91,9 +84,8 @@ def _check(frame: "pd.DataFrame", path: Path) -> None:
         raise FormatError(f"{path} has the columns {', '.join(map(str, frame.columns))}; use {', '.join(COLUMNS)}")
     sizes = frame.drop_duplicates(list(KEYS)).groupby(list(KEYS[:3])).size()
     if not (len(sizes) == N_PHOTOGRAPHS and (sizes == N_PATCHES).all() and len(frame) == sizes.sum()):
-        raise FormatError(
-            f"{path} has {len(frame)} rows; use {N_PATCHES} patches of each of {N_PHOTOGRAPHS} photographs"
-        )
+        use = f"use {N_PATCHES} patches of each of {N_PHOTOGRAPHS} photographs"
+        raise FormatError(f"{path} has {len(frame)} rows; {use}")
     values = frame[list(COLUMNS[len(KEYS) :])]
     if not ((values >= 0) & (values <= 1)).all(axis=None):
         raise FormatError(f"{path} holds values outside [0, 1]; use intensities and shares from 0 to 1")

@@ -63,21 +63,10 @@ class Prior:
 
 
 class ResponseModel(ABC):
-    """A family of response curves with `n_params` parameters.
+    """A family of response curves with `n_params` parameters, of a direction, with names in `param_names`.
 
-    Parameters
-    ----------
-    n_params : int
-    direction : {"inverse", "forward"}
-        Whether a curve is an inverse response or a response (irradiance to brightness).
-
-    Attributes
-    ----------
-    param_names : tuple of str, length n_params
-    prior_ : Prior or None
-        Learned by `learn_prior`; models from `crfbench.load_model` have one.
-    discrepancy_ : Discrepancy or None
-        How the model misses curves, learned by `crfbench.calibration.learn_discrepancy`; bundled models have one.
+    The `prior_` is learned by `learn_prior`, and `discrepancy_`, how the model misses curves, by
+    `crfbench.learn_discrepancy`; models from `crfbench.load_model` have both.
     """
 
     name: ClassVar[str]
@@ -162,8 +151,7 @@ def refine(
     """Polish starts by batched least squares in unconstrained parameters and keep the best end of each curve.
 
     `targets` (n, p) are curves or some samples of them; `starts` (n, s, k) are parameters, `s` for each curve.
-    `evaluate` turns parameters (m, k) into values (m, p) and Jacobians (m, p, k); by default of whole
-    curves. Returns (n, k).
+    `evaluate` is by default of whole curves. Returns (n, k).
     """
     n, s, k = starts.shape
     owner = np.repeat(np.arange(n), s)
