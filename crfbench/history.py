@@ -44,7 +44,6 @@ class History:
     def thin(self, count: int) -> "History":
         """Return about `count` epochs, close together at the start where most happens, and the last."""
         check_count("count", count)
-        # Even steps in the logarithm of the epoch.
         steps = np.geomspace(1, len(self), min(count, len(self))).round().astype(int) - 1
         return self.select(np.unique(np.append(steps, len(self) - 1)))
 

@@ -33,11 +33,9 @@ from crfbench.metrics import mse, nonmonotone
 from crfbench.models import ModelKey
 from crfbench.models.slr import LEAST_STEP, SLR
 
-#: Steps of the shortest cycle of the step size; PyTorch divides by zero where its first tenth is one step.
-LEAST_CYCLE = 12
+LEAST_CYCLE = 12  # steps; PyTorch divides by zero where the first tenth of a cycle is one step
 _SEED_OF_VALIDITY = 1
 
-#: Sees the number of the epoch and the trainer; returns True to stop.
 OnEpoch = Callable[[int, "Trainer"], bool | None]
 
 

@@ -14,15 +14,13 @@ from crfbench.curves import GRID, Array, evaluate
 from crfbench.models import ResponseModel
 from crfbench.numerics import Objective
 
-#: Irradiance below which the logarithm is held.
-DARKEST = 1e-4
+DARKEST = 1e-4  # irradiance below which the logarithm is held
 
 _GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical response
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _LEAST = 1e-6  # standard deviation; sums over known and unknown lose no digits that count
 _SHARPEST = 1e8  # precision of one log irradiance, for the same reason
 
-#: Which of the sets of observations arrays belong to.
 Sets = np.ndarray | slice
 
 
@@ -81,7 +79,6 @@ class Likelihood:
 
         sigmas = np.sqrt(self.variance + np.broadcast_to(self.error, self._share.shape)[:, None] ** 2)
         side = np.where(observations.brightness > 0.5, 1.0, -1.0)
-        # 1 / sigma of clipped patches that others give a scale to, negative for black ones, else 0.
         self.clip = np.where(told_by_clipping(observations), side / sigmas, 0.0)
 
     def residual(self, g: Array, sets: Sets) -> Array:

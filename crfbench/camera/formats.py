@@ -374,7 +374,6 @@ FORMATS: dict[str, Format] = {
     "csp": Format(".csp", rb"\A(?:\xef\xbb\xbf)?\s*CSPLUTV100\b", read_csp),
 }
 
-# A passport of 3 curves with its band takes 0.2 MB, a project file of Hugin little more.
 _MOST_BYTES = 32 * 2**20
 _HEAD_BYTES = 2**16
 

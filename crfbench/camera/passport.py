@@ -14,7 +14,6 @@ from crfbench.checks import as_finite, check_choice, check_count, check_number
 from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, evaluate, invert
 from crfbench.errors import InputError
 
-#: The channels of a passport, by how many curves it has.
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")

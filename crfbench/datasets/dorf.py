@@ -23,14 +23,12 @@ from crfbench.errors import FormatError, InputError
 from crfbench.files import bundled
 
 MEMBER = "dorfCurves.txt"
-# 201 records of 2048 printed numbers make about 7 MB.
-MAX_TEXT_BYTES = 32 * 2**20
+MAX_TEXT_BYTES = 32 * 2**20  # 201 records of 2048 printed numbers make about 7 MB
 
 _MAT = "dorf/201_CRF_data.mat"
 _OFFICIAL = ("dorf/dorfCurves.zip", f"dorf/{MEMBER}")
 _CHANNEL = re.compile(r"(?<=.)[\s_-]*(Red|Green|Blue)$")
-# Far above the rounding of any of the files, far below the distance of two cameras.
-_COPY_RMSE = 1e-4
+_COPY_RMSE = 1e-4  # far above the rounding of any file, far below the distance of two cameras
 _GRID_TOLERANCE = 1e-6
 _FINGERPRINT_TOLERANCE = 1e-4
 # What zipfile raises on bytes that are not an archive, or on one that was cut or altered.

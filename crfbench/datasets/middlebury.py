@@ -34,8 +34,7 @@ REFERENCE_IRRADIANCE: Array = np.array(
     ]
 ).ravel()
 REFERENCE_IRRADIANCE.flags.writeable = False
-#: The white, a middle and the black grey: the patches (from 1) that the paper calibrates with.
-THREE_GREYS = (19, 21, 24)
+THREE_GREYS = (19, 21, 24)  # white, a middle grey and black: the patches (from 1) that the paper calibrates with
 #: The patches (from 1) in the order in which the stated subsets grow: the greys, then every other row by row.
 PATCH_ORDER = (19, 21, 24, 20, 22, 23, 2, 4, 7, 9, 14, 18, 1, 3, 5, 6, 8, 10, 11, 12, 13, 15, 16, 17)
 
@@ -44,8 +43,7 @@ _KINDS = ("jpeg", "raw")
 _MEANS = tuple(f"{kind}_{channel}" for kind in _KINDS for channel in "rgb")
 COLUMNS = (*KEYS, *_MEANS, *(f"{kind}_clipped" for kind in _KINDS))
 
-#: Shares of a patch box that are clipped, from which on the whole patch counts as clipped.
-CLIPPED_SHARE = 0.02
+CLIPPED_SHARE = 0.02  # of the pixels of a patch, from which on the whole patch counts as clipped
 
 _DTYPES = dict.fromkeys(COLUMNS, "float64") | {"camera": "str"} | dict.fromkeys(KEYS[1:], "int64")
 

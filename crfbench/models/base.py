@@ -103,7 +103,6 @@ class ResponseModel(ABC):
             raise InputError(f"{self!r} has no prior to draw from; use load_model(name) or learn_prior(curves)")
         return self.from_unconstrained(self.prior_.sample(n, seed))
 
-    # Searches and priors need parameters that may take any value; identity serves models whose parameters do.
     def to_unconstrained(self, params: Array) -> Array:
         """Map parameters to unconstrained ones, the space of the prior and of every search; identity here."""
         return params
@@ -136,8 +135,7 @@ class ResponseModel(ABC):
 class ClosedForm(ResponseModel):
     """A model with a formula, which is built from training curves in one step; networks are trained instead."""
 
-    #: Whether `from_curves` learns the shape of the family from its curves.
-    learns: ClassVar[bool] = False
+    learns: ClassVar[bool] = False  # whether `from_curves` learns the shape of the family
 
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction = "inverse") -> Self:

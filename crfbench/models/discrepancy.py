@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
 
-#: Irradiance below which the logarithm is held.
-DARKEST = 1e-3
+DARKEST = 1e-3  # irradiance below which the logarithm is held
 
 
 _B = np.linspace(1 / 255, 1.0, 20001)

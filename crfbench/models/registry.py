@@ -37,8 +37,7 @@ MODELS: dict[type[ClosedForm], tuple[int, ...]] = {
     Kernel: (8,),
 }
 
-#: What cameras are calibrated with: of all priors measured, the nearest to cameras that it has not seen.
-DEFAULT_MODEL = "Kernel-8"
+DEFAULT_MODEL = "Kernel-8"  # of all priors measured, the nearest to cameras that it has not seen
 
 PRIORS = "data/dorf_priors.npz"
 DISCREPANCIES = "data/discrepancies.npz"

@@ -147,9 +147,6 @@ def _train(trials: Sequence[Trial], base: Stack, workers: Executor, progress: bo
             future.cancel()
 
 
-# ---- what is trained, and how
-
-
 def make_folds(responses: Responses, folds: str, seed: int) -> Labels:
     """Return the fold of each response, shape (n,): at random, or whole units (films, near-copies) together."""
     check_choice("folds", folds, ("random", "grouped"))
@@ -201,9 +198,6 @@ def work(stack: Stack) -> float:
 def _weights(hidden: Hidden) -> int:
     """Count the weights of the thinned network, encoder and decoder."""
     return 2 * sum(before * after for before, after in pairwise((BLOCKS, *hidden, 1)))
-
-
-# ---- worker processes of this machine
 
 
 @contextmanager

@@ -25,7 +25,7 @@ def grid(space: SearchSpace, epochs: int, done: Done) -> list[Trial]:
 
 
 def random(space: SearchSpace, epochs: int, done: Done, n: int = 40, seed: int = 0) -> list[Trial]:
-    """Return `n` different random candidates, or all if there are fewer (Bergstra and Bengio 2012, JMLR 13, 281-305)."""
+    """Return `n` random candidates, all different, or all there are (Bergstra and Bengio 2012, JMLR 13, 281-305)."""
     check_count("n", n)
     candidates = list(space)
     rows = np.random.default_rng(check_seed(seed)).permutation(len(candidates))[:n]
