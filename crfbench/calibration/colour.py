@@ -39,7 +39,21 @@ _DARKEST = 1e-4
 
 @dataclass(frozen=True, repr=False)
 class ColourCalibration:
-    """Colour matrix and curves of `n` cameras."""
+    """Colour matrix and curves of `n` cameras.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, 3, 3)
+        M; light 1 is brightness 1, so that its rows sum to the white balance.
+    deviation : ndarray, shape (n, 6)
+        Posterior standard deviation of the off-diagonal shares of M, row by row, for RAW that is balanced to grey.
+    told : ndarray of bool, shape (n,)
+        Whether the data tell M; else it is diagonal.
+    soft : ndarray, shape (n,)
+        How softly colours are drawn into the gamut, s above.
+    calibration : Calibration
+        Of 3 n sets, given M: red, green and blue of one camera after another.
+    """
 
     matrix: Array  # shape (n, 3, 3); M; light 1 is brightness 1, so that its rows sum to the white balance
     # shape (n, 6); posterior standard deviation of the shares of M off its diagonal, for RAW that is balanced to grey
