@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterable
 from decimal import Decimal
 from typing import NamedTuple
 
+import numpy as np
+
 from crfbench.paper.printed import SIGNIFICANT_RMSE
 from crfbench.paper.results import PaperResults
 
@@ -36,6 +38,7 @@ class Claim(NamedTuple):
     how: str = ""  # the function that computes ours
     verdict: str = ""  # by `RULES`
     why: str = ""  # in a sentence
+    group: str = ""  # what it is counted once with: the claim that it repeats, or the row of its table
 
 
 Check = Callable[[PaperResults], Claim]
@@ -43,12 +46,12 @@ Check = Callable[[PaperResults], Claim]
 CHECKS: list[Check] = []
 
 
-def claim(where: str, text: str, how: str, printed: str = "") -> Callable[[Check], Check]:
+def claim(where: str, text: str, how: str, printed: str = "", group: str = "") -> Callable[[Check], Check]:
     """Register the function below as the check of a claim: the section, what it says in our words, and what is printed.
 
     The function gets our results and returns a `Claim` with what was found: ours, why, verdict and perhaps spread. The
     rest is filled in from here; `how` names the function that computes our figure. Without a verdict ours must equal
-    the printed figure, as counts do.
+    the printed figure, as counts do. What the paper says in several places has one `group`, or else it is its own.
 
     ::
 
@@ -61,7 +64,7 @@ def claim(where: str, text: str, how: str, printed: str = "") -> Callable[[Check
         def judged(results: PaperResults) -> Claim:
             found = check(results)
             verdict = found.verdict or ("reproduced" if found.ours == printed else "differs")
-            return found._replace(claim=text, where=where, paper=printed, how=how, verdict=verdict)
+            return found._replace(claim=text, where=where, paper=printed, how=how, verdict=verdict, group=group or text)
 
         judged.__doc__ = check.__doc__ or text
         CHECKS.append(judged)
@@ -89,15 +92,17 @@ def scientific(value: float, digits: int = 2) -> str:
     return f"{mantissa}E{int(exponent)}"
 
 
-def verdict(ours: float, printed: str | None) -> str:
+def verdict(ours: float, printed: str | None, spread: tuple[float, float] = (np.nan, np.nan), near: float = 0.0) -> str:
     """Judge a figure by the digits the paper printed.
 
-    "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit; "differs" when it
-    is not; "not comparable" where nothing is printed.
+    "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit, or no more than
+    `near` away, or when the printed figure lies in the `spread` (low, high) of ours; else "differs". "not comparable"
+    where nothing is printed.
     """
     if printed is None:
         return "not comparable"
-    figure = Decimal(printed)
+    figure = Decimal(printed)  # not a float: 0.062 - 0.057 is more than 0.005 in binary
     unit = Decimal(1).scaleb(int(figure.as_tuple().exponent))
-    rounded = Decimal(repr(float(ours))).quantize(unit)
-    return "reproduced" if abs(rounded - figure) <= unit else "differs"
+    apart = abs(Decimal(repr(float(ours))).quantize(unit) - figure)
+    inside = spread[0] <= float(figure) <= spread[1]
+    return "reproduced" if inside or apart <= max(unit, Decimal(str(near))) else "differs"
