@@ -112,7 +112,7 @@ def test_the_summary_has_the_counts_of_both_kinds(claims):
     text = summary(claims)
     for distinct in (False, True):
         n = verdict_counts(claims, distinct=distinct).loc["all"]
-        assert f"{n.sum()} figures and claims {n.sum() - n['not comparable']} can be compared" in text
+        assert f"{n.sum()} numbers and claims {n.sum() - n['not comparable']} can be compared" in text
         assert f"{n['reproduced'] + n['holds']} are reproduced or hold" in text
     assert text.startswith("The idea holds")
     assert summary(claims.iloc[:-1]) != text

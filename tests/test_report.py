@@ -163,7 +163,7 @@ def test_figures_have_the_papers_panels(name, panels):
 
 
 def test_the_page_of_the_map_links_to_cells_and_the_file_names_them(page):
-    body = report.map_body("notebooks/")
+    body = report.map_body(site=True)
     assert 'href="notebooks/5-dorf-fitting.html#cell-id=cell-05"' in body
     assert "5-dorf-fitting, cell <code>cell-05</code>" in page
     for row in paper_map().to_dict("records"):

@@ -32,8 +32,8 @@ def summary(claims: pd.DataFrame) -> str:
     cells = verdict_counts(claims)["differs"]
     return (
         "The idea holds: one number stands for a response, and calibrates a camera as well as the models with more "
-        f"do. The figures hold less often. Of {every}. Counting once what the paper says in several places, and each "
-        f"row of a table (of Table 3 by its mean), of {once}. The two go together: most of what differs, "
+        f"do. The paper's own numbers hold less often. Of {every}. Counted once, what the paper says in several places "
+        f"and each row of a table (of Table 3 by its mean), of {once}. The two go together: most of what differs, "
         f"{cells['Table 3']} cells of Table 3 and {cells['Table 1']} of Table 1, says how the models compare, not what "
         "one number can do."
     )
@@ -43,7 +43,7 @@ def _added_up(counts: pd.DataFrame) -> str:
     n = counts.loc["all"]
     good, bad = n["reproduced"] + n["holds"], n["differs"] + n["does not hold"]
     return (
-        f"{n.sum()} figures and claims {n.sum() - n['not comparable']} can be compared: {good} are reproduced or hold, "
+        f"{n.sum()} numbers and claims {n.sum() - n['not comparable']} can be compared: {good} are reproduced or hold, "
         f"{n['undecided']} stay undecided, and {bad} differ or do not hold"
     )
 

@@ -55,18 +55,18 @@ def write_report(path: Path) -> Path:
     return path
 
 
-def report_body(notebooks: str | None = None) -> str:
+def report_body(site: bool = False) -> str:
     """Return what the page holds, for a `crfbench.widgets.page.document` with report.css.
 
-    It asks the network for nothing, and its tables and sliders need no Python. `notebooks` is the address of the folder
-    with the notebooks' pages, to link to; without it their cells are named.
+    It asks the network for nothing, and its tables and sliders need no Python. On the site it links to the pages of
+    notebooks and figures; elsewhere these are named.
     """
     results = load_results()
     claims = located(claims_table(results))
     tables = {name: claims[claims["where"] == name].to_dict("records") for name in ("Table 1", "Table 2", "Table 3")}
     return _rendered(
         "report",
-        notebooks,
+        site=site,
         title=TITLE,
         version=crfbench.__version__,
         summary=summary(claims),
@@ -85,12 +85,12 @@ def report_body(notebooks: str | None = None) -> str:
     )
 
 
-def map_body(notebooks: str | None = None) -> str:
-    """Return the map of the paper for a page with report.css; `notebooks` is that of `report_body`."""
-    return _rendered("map", notebooks, places=paper_map().to_dict("records"))
+def map_body(site: bool = False) -> str:
+    """Return the map of the paper for a page with report.css; `site` is that of `report_body`."""
+    return _rendered("map", site=site, places=paper_map().to_dict("records"))
 
 
-def _rendered(template: str, notebooks: str | None, **content: object) -> str:
+def _rendered(template: str, **content: object) -> str:
     # The template escapes whatever it is given, but for what it calls safe: our own pictures and widgets.
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
@@ -99,8 +99,7 @@ def _rendered(template: str, notebooks: str | None, **content: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    content |= {"marks": _MARKS, "notebooks": notebooks}
-    return environment.get_template(f"{template}.html.jinja").render(content)
+    return environment.get_template(f"{template}.html.jinja").render(content, marks=_MARKS)
 
 
 def sortable_leaderboard() -> SortableTable:

@@ -13,17 +13,17 @@ from crfbench.paper.results import PaperResults
 TWICE, SLIGHTLY, NEAR_ONE = 1.8, 1.5, 0.1
 #: What each verdict means.
 RULES = {
-    "reproduced": "our figure lies within one unit of the paper's last printed digit, or the paper's lies within the "
+    "reproduced": "our number lies within one unit of the paper's last printed digit, or the paper's lies within the "
     "spread of ours (in Table 3, 95 % of a bootstrap over the cameras); there, also when the two are no more than "
     f"{SIGNIFICANT_RMSE} apart, which the paper calls not significant; counts are equal",
-    "differs": "our figure comes from the same data and, as far as it is described, by the same procedure, and none of "
+    "differs": "our number comes from the same data and, as far as it is described, by the same procedure, and none of "
     "that is so",
-    "holds": "a statement in words, of which our figures say the same; “almost” or “around twice” is a ratio above "
+    "holds": "a statement in words, of which our numbers say the same; “almost” or “around twice” is a ratio above "
     f"{TWICE}, “slightly worse” one below {SLIGHTLY}, and an estimate of 1 is right within {NEAR_ONE}",
-    "does not hold": "a statement in words, of which our figures, or the paper's own, say otherwise",
-    "undecided": "a statement in words, of which our figures say both: their ranges overlap, or it depends on the "
+    "does not hold": "a statement in words, of which our numbers, or the paper's own, say otherwise",
+    "undecided": "a statement in words, of which our numbers say both: their ranges overlap, or it depends on the "
     "measure",
-    "not comparable": "the paper's figure depends on its computer, or cannot be recomputed from what is published",
+    "not comparable": "the paper's number depends on its computer, or cannot be recomputed from what is published",
 }
 
 
