@@ -112,10 +112,10 @@ def paper_body() -> str:
         )
         plt.close("all")
     return (
-        "<h1>The paper, and where each part of it is rebuilt</h1>\n<p>Figures, tables, the algorithm, equations and "
-        'claims in the order of their kinds; <a href="#figures">our figures</a> below, and what the verdicts rest on in '
-        f'the <a href="report.html">report</a>.</p>\n{report.map_body(site=True)}\n<h2 id="figures">Our figures, in '
-        f"the paper's layout</h2>\n{''.join(shown)}"
+        "<h1>The paper, and where each part of it is rebuilt</h1>\n<p>What the paper numbers, then its claims; "
+        '<a href="#figures">our figures</a> stand below, and what the verdicts rest on in the '
+        f'<a href="report.html">report</a>.</p>\n{report.map_body(site=True)}\n<h2 id="figures">Our figures, in the '
+        f"paper's layout</h2>\n{''.join(shown)}"
     )
 
 
