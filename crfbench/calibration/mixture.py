@@ -387,11 +387,12 @@ def marginalised(
     near = model.n_params > 1 and learned_prior(model).centres is None
     rows = len(logs) + (N_NEARBY if near else 0)
     channels, found = 1 if difference is None else 3, []
+    nearest = _most_probable(model, observations.of_sets(slice(None, None, channels)), noise, table) if near else None
     for cameras in chunks(len(observations) // channels, len(_RATIOS) * len(_LEVELS) * len(SCALES) * rows):
         some = observations.of_sets(slice(cameras.start * channels, cameras.stop * channels))
         z, own = table.unconstrained[None, step], family
-        if near:
-            z, own = _with_near_rows(model, some.of_sets(slice(None, None, channels)), noise, table, family, seed)
+        if nearest is not None:
+            z, own = _with_near_rows(model, nearest[cameras], table, family, seed)
         mixture = solve(some, noise, own if difference is None else own.with_channels(difference), z)
         samples = mixture.draw(seed) if with_samples else None
         curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
@@ -401,12 +402,14 @@ def marginalised(
     return np.concatenate(best), np.concatenate(curves), np.concatenate(scale), joined
 
 
-def _with_near_rows(
-    model: ResponseModel, observations: Observations, noise: Noise, table: Table, family: Family, seed: int
-) -> tuple[Array, Family]:
-    """Add rows near the most probable parameters, which the table's few rows miss where data say much."""
+def _most_probable(model: ResponseModel, observations: Observations, noise: Noise, table: Table) -> Array:
+    """Return the most probable parameters of the family alone, shape (n, k)."""
     posterior = Posterior(observations, noise)
-    best = minimise(posterior.objective(model), table, -(posterior.log_likelihood_on(table) + table.log_prior))
+    return minimise(posterior.objective(model), table, -(posterior.log_likelihood_on(table) + table.log_prior))
+
+
+def _with_near_rows(model: ResponseModel, best: Array, table: Table, family: Family, seed: int) -> tuple[Array, Family]:
+    """Add rows near the most probable parameters (n, k), which the table's few rows miss where data say much."""
     z, near, log_weight = rows_near(model, table, best, seed)
     logs = np.broadcast_to(table.at_knots, (len(best), *table.at_knots.shape))
     return z, family.with_components(np.concatenate([logs, at_knots(np.clip(near, 0.0, 1.0))], axis=1), log_weight)
