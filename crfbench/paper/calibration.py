@@ -30,6 +30,7 @@ from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL, ModelKey
 from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
 from crfbench.paper.results import load_recorded
+from crfbench.paper.verdicts import verdict
 
 COLUMNS = (
     "model", "method", "patches", "channel", "mean", "median", "sd", "max", "p95", "low", "high", "difference",
@@ -243,8 +244,7 @@ def _beside_paper(case: dict[str, str], ours: dict[str, object], recorded: pd.Da
     mean, low, high = (float(str(ours[name])) for name in ("mean", "low", "high"))
     found["by_paper"] = mean
     if "paper_mean" in found and case["patches"] == "3":
-        near = abs(mean - printed["mean"]) <= SIGNIFICANT_RMSE or low <= printed["mean"] <= high
-        found["verdict"] = "reproduced" if near else "differs"
+        found["verdict"] = verdict(mean, f"{printed['mean']:.3f}", (low, high), SIGNIFICANT_RMSE)
     return found
 
 
@@ -291,6 +291,7 @@ def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.
         as grey pixels, which serves it better than intensities do, and its results are interpolated between the levels
         that occur.
     """
+    check_choice("method", method, ("map", "posterior"))
     chart = patch_arrays(load_patches())
     found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method, discrepancy))) for name in ROWS]
     rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}
