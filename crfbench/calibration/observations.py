@@ -101,13 +101,8 @@ class Observations:
     def from_rgb(cls, rgb: ArrayLike, reference: ArrayLike | None = None, **others: Any) -> Self:
         """Observe intensities, the means of red, green and blue; coloured patches count for less (`colour_error`).
 
-        Parameters
-        ----------
-        rgb : array_like, shape (e, p, 3) or (n, e, p, 3)
-            Brightness of each channel, from 0 to 1.
-        reference : array_like, shape (p,) or (n, p), optional
-        **others
-            Further parameters of `Observations`.
+        `rgb`, shape (e, p, 3) or (n, e, p, 3), is the brightness of each channel, from 0 to 1; `reference` and `others`
+        are as in `Observations`.
         """
         channels = as_finite("rgb", rgb)
         if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
@@ -118,16 +113,7 @@ class Observations:
 
     def of_sets(self, sets: slice) -> Self:
         """Keep some of the `n` sets."""
-        return type(self)(
-            self.brightness[sets],
-            None if self.reference is None else self.reference[sets],
-            None if self.exposures is None else self.exposures[sets],
-            self.clipped[sets],
-            self.weights[sets],
-            self.reference_error[sets],
-            self.absolute,
-            self.colour[sets],
-        )
+        return self._picked(sets, slice(None))
 
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
         """Keep some patches, by index from 0."""
@@ -135,17 +121,14 @@ class Observations:
         whole = chosen.ndim == 1 and chosen.dtype.kind in "iu" and chosen.size > 0
         if not (whole and chosen.min() >= 0 and chosen.max() < p):
             raise InputError(f"patches={patches!r} are out of range; use one or more whole numbers from 0 to {p - 1}")
-        reference = None if self.reference is None else self.reference[:, chosen]
-        return type(self)(
-            self.brightness[..., chosen],
-            reference,
-            self.exposures,
-            self.clipped[..., chosen],
-            self.weights[..., chosen],
-            self.reference_error[:, chosen],
-            self.absolute,
-            self.colour[:, chosen],
-        )
+        return self._picked(slice(None), chosen)
+
+    def _picked(self, sets: slice, patches: slice | NDArray[np.intp]) -> Self:
+        names = ("brightness", "reference", "clipped", "weights", "reference_error", "colour")
+        parts: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        kept = {name: part[sets][..., patches] for name, part in parts.items()}
+        exposures = None if self.exposures is None else self.exposures[sets]
+        return type(self)(**kept, exposures=exposures, absolute=self.absolute)
 
     def _check_information(self) -> None:
         """Refuse sets that tell nothing, naming the first of them."""

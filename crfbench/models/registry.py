@@ -37,8 +37,7 @@ MODELS: dict[type[ClosedForm], tuple[int, ...]] = {
     Kernel: (8,),
 }
 
-#: What cameras are calibrated with: of all priors measured, the nearest to cameras that it has not seen.
-DEFAULT_MODEL = "Kernel-8"
+DEFAULT_MODEL = "Kernel-8"  # of all priors measured, the nearest to cameras that it has not seen
 
 PRIORS = "data/dorf_priors.npz"
 DISCREPANCIES = "data/discrepancies.npz"
@@ -51,15 +50,9 @@ _NAME = re.compile(r"([a-z]+)(?:-([a-z]+))?-(\d+)(?:-(forward|inverse))?", re.IG
 class ModelKey:
     """What tells one model from all others; `str` gives its name.
 
-    Parameters
-    ----------
-    family : str
-        "Gamma", "Polynomial", "GGCM", "EMoR", "PPISP", "Kernel" or "SLR".
-    constraint : str
-        Of SLR: "baseline", "ldl", "auc", "aae", "vae", "monotone" (LDL with a monotone decoder) or "open" (the same
-        trained on OpenCRF). Of EMoR: "published" for the basis of its authors. Empty for the others.
-    n_params : int
-    direction : {"inverse", "forward"}
+    The family is one of `MODELS` or "SLR". The constraint of SLR is "baseline", "ldl", "auc", "aae", "vae", "monotone"
+    (LDL with a monotone decoder) or "open" (the same trained on OpenCRF); that of EMoR "published" for the basis of its
+    authors; for the others it is empty.
 
     Examples
     --------
@@ -165,25 +158,14 @@ def pretrained_models(direction: Direction | None = None) -> list[ModelKey]:
 def load_model(name: str | ModelKey | Path) -> ResponseModel:
     """Load a bundled model with its prior, or a network of your own from a weights file.
 
+    Its `prior_` is learned from the DoRF curves. "EMoR-3" has their principal components as crfbench computes them;
+    "EMoR-published-3" has those that its authors publish (after ``crfbench fetch emor``, else a `MissingDataError`),
+    without a prior. A weights file that is not there is a `MissingDataError`, a damaged one a `FormatError`.
+
     Parameters
     ----------
     name : str, ModelKey or Path
         Such as "SLR-ldl-1", "EMoR-3-forward", or a path that ends in ``.safetensors``.
-
-    Returns
-    -------
-    ResponseModel
-        With `prior_`, learned from the DoRF curves. "EMoR-3" has their principal components as crfbench computes them;
-        "EMoR-published-3" has those that its authors publish (after ``crfbench fetch emor``), without a prior.
-
-    Raises
-    ------
-    InputError
-        For a name that is not bundled; the message lists those of its family.
-    MissingDataError
-        For the published EMoR where it was not fetched, or a weights file that is not there.
-    FormatError
-        When the file is damaged.
     """
     if isinstance(name, ModelKey):
         return name.load()

@@ -6,7 +6,6 @@ The chart-free table calibrates the same cameras from exposure steps alone, besi
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -58,42 +57,28 @@ def calibration_table(
 ) -> pd.DataFrame:
     """Calibrate every camera on one illumination, test on the other, both ways, with every model.
 
-    Parameters
-    ----------
-    patches : {"3", "24", "random"}
-        "3": patches 19, 21 and 24 of the grey row; "24": all; "random": ten random triples, the RMSE averaged.
-    method : str
-        Of `crfbench.calibrate`, but for "grid": "lm" does the same where there is one parameter.
-    channel : {"intensity", "r", "g", "b"}
-        The mean of red, green and blue as in the paper, or one of them.
-    rows : sequence of str or ModelKey
-        Inverse models.
-    discrepancy : bool
-        Whether "map" and "posterior" allow for what the model misses; the paper's method never does.
-    seed : int
-        Of the triples, of the random starts and of the bootstrap.
+    The patches are "3" (19, 21 and 24 of the grey row), "24" or "random" (ten random triples, the RMSE averaged), the
+    channel "intensity", the mean of red, green and blue as in the paper, or one of them: "r", "g" or "b". The method is
+    one of `crfbench.calibrate`, but for "grid": "lm" does the same where there is one parameter. `rows` are inverse
+    models; `seed` is that of triples, random starts and bootstrap.
 
-    Returns
-    -------
-    DataFrame
-        With the columns of `COLUMNS`. A camera's RMSE is that of decoded against RAW irradiance over the 4 x 24
-        patches of the illumination it was not calibrated on, without alignment, averaged over both ways. ``mean``
-        to ``p95`` are over cameras; ``low`` and ``high`` bound the mean (95 %, bootstrap over cameras).
-        ``difference`` is the mean less that of the first row, with its paired 95 % bounds; ``beyond_0.005`` says
-        whether they lie wholly beyond what the paper calls significant. ``scaled`` is the mean after the one scale that
-        fits best, ``separate`` that of channels which are decoded first and averaged then, and ``separate_scaled``
-        both (missing for one channel). ``coverage`` is the share of held-out RAW
-        inside the 90 % band for measurements ("posterior"). ``seconds`` is for all calibrations of the row.
-        ``by_paper`` is our mean by the paper's method, recorded for 3 and 24 patches, and ``verdict`` is on it:
-        "reproduced" when the paper's mean lies within 0.005 or inside its bounds, else "differs"; "not comparable"
-        unless the patches are the paper's. Rows with the method "floor" are fitted
-        to the test data themselves: no calibration gets below them.
+    The columns are those of `COLUMNS`. A camera's RMSE is that of decoded against RAW irradiance over the 4 x 24
+    patches of the illumination it was not calibrated on, without alignment, averaged over both ways. ``mean`` to
+    ``p95`` are over cameras; ``low`` and ``high`` bound the mean (95 %, bootstrap over cameras). ``difference`` is the
+    mean less that of the first row, with its paired 95 % bounds; ``beyond_0.005`` says whether they lie wholly beyond
+    what the paper calls significant. ``scaled`` is the mean after the one scale that fits best, ``separate`` that of
+    channels which are decoded first and averaged then, and ``separate_scaled`` both (missing for one channel).
+    ``coverage`` is the share of held-out RAW inside the 90 % band for measurements ("posterior"). ``seconds`` is for
+    all calibrations of the row. ``by_paper`` is our mean by the paper's method, recorded for 3 and 24 patches, and
+    ``verdict`` is on it: "reproduced" when the paper's mean lies within 0.005 or inside its bounds, else "differs";
+    "not comparable" unless the patches are the paper's. Rows with the method "floor" are fitted to the test data
+    themselves: no calibration gets below them.
     """
     check_choice("method", method, [name for name in METHODS if name != "grid"])
     check_choice("channel", channel, CHANNELS)
     chart, subsets = patch_arrays(load_patches()), _subsets(patches, check_seed(seed))
-    how = _How(method, channel, discrepancy, seed)
-    found = [(name, method, *_calibrated(name, chart, subsets, how)) for name in map(str, rows)]
+    fit = partial(calibrate, method=method, discrepancy=discrepancy, seed=seed)
+    found = [(name, method, *_calibrated(name, chart, subsets, channel, fit)) for name in map(str, rows)]
     found += [(name, "floor", cameras, {}) for name, cameras in _floors(chart, channel)]
     recorded = load_recorded("calibration_paper")[0].astype({"patches": str})
     first, table = found[0][2], []
@@ -104,22 +89,13 @@ def calibration_table(
     return pd.DataFrame(table, columns=list(COLUMNS))
 
 
-class _How(NamedTuple):
-    """How a row of the table is calibrated."""
-
-    method: str
-    channel: str = "intensity"
-    discrepancy: bool = True
-    seed: int = 0
-
-
 def camera_rmse_table(
     patches: str = "3", method: str = "map", rows: Sequence[str | ModelKey] = ROWS, discrepancy: bool = True
 ) -> pd.DataFrame:
     """Return the RMSE of every camera (rows) with every model (columns), as `calibration_table` summarises it."""
     chart, subsets = patch_arrays(load_patches()), _subsets(patches, 0)
-    how = _How(method, discrepancy=discrepancy)
-    found = {name: _calibrated(name, chart, subsets, how)[0] for name in map(str, rows)}
+    fit = partial(calibrate, method=method, discrepancy=discrepancy)
+    found = {name: _calibrated(name, chart, subsets, "intensity", fit)[0] for name in map(str, rows)}
     floor, cameras = next(_floors(chart, "intensity"))
     return pd.DataFrame({**found, floor: cameras}, index=pd.Index(chart.cameras, name="camera"))
 
@@ -178,17 +154,16 @@ def bootstrap_bounds(values: Array, seed: int = 0) -> dict[str, tuple[float, flo
     return {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
 
 
-def _calibrated(name: str, chart: PatchArrays, subsets: list[np.ndarray], how: _How) -> tuple[Array, dict[str, float]]:
+def _calibrated(
+    name: str, chart: PatchArrays, subsets: list[np.ndarray], channel: str, fit: Callable[..., Calibration]
+) -> tuple[Array, dict[str, float]]:
     """Return the RMSE of each camera and the further figures of one row of the table."""
     model = load_model(name)
-    observations, jpeg, raw = chart_observations(chart, how.channel)
-    results = [
-        calibrate(model, observations.take(subset), how.method, discrepancy=how.discrepancy, seed=how.seed)
-        for subset in subsets
-    ]
+    observations, jpeg, raw = chart_observations(chart, channel)
+    results = [fit(model, observations.take(subset)) for subset in subsets]
     cameras = np.mean([camera_rmse(result, jpeg, raw) for result in results], axis=0)
     further = {"seconds": sum(result.seconds for result in results)}
-    if how.channel == "intensity":
+    if channel == "intensity":
         every = np.arange(len(jpeg))
         each = np.mean([held_out_rmse(result.curves, chart, every) for result in results], axis=(0, 2))
         further |= dict(zip(("scaled", "separate", "separate_scaled"), each[1:], strict=True))
@@ -274,7 +249,6 @@ CHART_FREE_COLUMNS = (
     "model", "method", "mean", "median", "max", "below_debevec", "below_robertson", "below_both", "monotone", "failed",
     "seconds",
 )  # fmt: skip
-#: One stop from each photograph to the next.
 STEPS: Array = np.arange(len(EXPOSURES), dtype=float)
 
 _LEVELS = 256
@@ -284,24 +258,16 @@ _SIDE = 8  # pixels of a patch in the pictures made for OpenCV, along each side
 def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.DataFrame:
     """Calibrate 14 cameras from four exposures of 24 unknown patches, each illumination by itself.
 
-    Parameters
-    ----------
-    method : {"map", "posterior"}
-        Of `crfbench.calibrate`.
-    discrepancy : bool
-        Whether it allows for what the model misses.
+    The method is "map" or "posterior", with or without a discrepancy, as in `crfbench.calibrate`. The table has one row
+    a model, then OpenCV's, with the columns `CHART_FREE_COLUMNS`. RMSE is against the mean of RAW of the other light:
+    each channel is decoded, then they are averaged, with the one scale that fits best, since exposures alone tell no
+    scale; means over both illuminations of a camera. ``below_...`` count the cameras with an RMSE at or below OpenCV's,
+    one that failed counting as beaten; ``monotone`` is the share of monotone curves, ``failed`` that of calibrations
+    without a finite result.
 
-    Returns
-    -------
-    DataFrame
-        One row a model, then OpenCV's, with the columns `CHART_FREE_COLUMNS`. RMSE is against the mean of RAW of the
-        other light: each channel is decoded, then they are averaged, with the one scale that fits best, since exposures
-        alone tell no scale; means over both illuminations of a camera. ``below_...`` count the cameras with an RMSE at
-        or below OpenCV's, one that failed counting as beaten; ``monotone`` is the share of monotone curves,
-        ``failed`` that of calibrations without a finite result.
-        Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches
-        as grey pixels, which serves it better than intensities do, and its results are interpolated between the levels
-        that occur.
+    Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches as
+    grey pixels, which serves it better than intensities do, and its results are interpolated between the levels that
+    occur.
     """
     chart = patch_arrays(load_patches())
     found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method, discrepancy))) for name in ROWS]
@@ -309,13 +275,7 @@ def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.
     found += [(f"OpenCV {name}", "opencv", *timed) for name, timed in rivals.items()]
     theirs = {name: _camera_rmse(curves, chart) for name, (curves, _) in rivals.items()}
     rows = [
-        {
-            "model": name,
-            "method": how,
-            **_beside_opencv(_camera_rmse(curves, chart), theirs),
-            **_validity(curves),
-            "seconds": seconds,
-        }
+        {"model": name, "method": how, **_beside_opencv(curves, chart, theirs), "seconds": seconds}
         for name, how, curves, seconds in found
     ]
     return pd.DataFrame(rows, columns=list(CHART_FREE_COLUMNS))
@@ -373,7 +333,8 @@ def _scaled(decoded: Array, raw: Array) -> Array:
     return ((decoded * raw).sum(axis=1) / (decoded**2).sum(axis=1))[:, None] * decoded
 
 
-def _beside_opencv(cameras: Array, rivals: dict[str, Array]) -> dict[str, float]:
+def _beside_opencv(curves: Array, chart: PatchArrays, rivals: dict[str, Array]) -> dict[str, float]:
+    cameras, finite = _camera_rmse(curves, chart), np.isfinite(curves).all(axis=1)
     debevec, robertson = ((cameras <= rival) | np.isnan(rival) for rival in rivals.values())
     return {
         "mean": float(np.nanmean(cameras)),
@@ -382,9 +343,6 @@ def _beside_opencv(cameras: Array, rivals: dict[str, Array]) -> dict[str, float]
         "below_debevec": int(debevec.sum()),
         "below_robertson": int(robertson.sum()),
         "below_both": int((debevec & robertson).sum()),
+        "monotone": float(1.0 - nonmonotone(curves[finite]).mean()),
+        "failed": float(1.0 - finite.mean()),
     }
-
-
-def _validity(curves: Array) -> dict[str, float]:
-    finite = np.isfinite(curves).all(axis=1)
-    return {"monotone": float(1.0 - nonmonotone(curves[finite]).mean()), "failed": float(1.0 - finite.mean())}

@@ -16,7 +16,6 @@ from crfbench.metrics import rmse
 from crfbench.models import ModelKey, ResponseModel, load_model
 from crfbench.widgets.assets import StoredWidget, SyncedTrait, bundle, join, picture
 
-#: The names of the models that can be chosen.
 MODELS = (
     "SLR-ldl-1", "SLR-baseline-1", "SLR-monotone-1", "SLR-ldl-3", "SLR-monotone-3", "Polynomial-3", "GGCM-3",
     "EMoR-3", "Gamma-1", "PPISP-4", "Kernel-8",
@@ -56,7 +55,6 @@ class CalibrationExplorer(StoredWidget):
 
     _esm = bundle("calibration_explorer.js")
     _css = join("widgets.css", "calibration_explorer.css")
-    #: What can be chosen; set once.
     _options = traitlets.Dict().tag(sync=True)
     #: All that is drawn, in one trait, so that the page never sees half of a change. Its "choice" says what it is of:
     #: while that differs from the traits, an answer is on its way.

@@ -45,9 +45,7 @@ class ChartLabeller(StoredWidget):
 
     _esm = bundle("chart_labeller.js")
     _css = join("widgets.css", "chart_labeller.css")
-    #: Of the photographs; set once.
     _names: traitlets.List[str] = traitlets.List().tag(sync=True)
-    #: The photograph that is shown, replaced as a whole.
     _picture = traitlets.Dict().tag(sync=True)
 
     def __init__(self, images: Mapping[str, NDArray[np.uint8] | str | Path]) -> None:

@@ -50,7 +50,6 @@ class ModelExplorer(StoredWidget):
 
     _esm = bundle("model_explorer.js")
     _css = join("widgets.css")
-    #: What can be chosen and what the axes show; set once.
     _choices = traitlets.Dict().tag(sync=True)
     #: All that is drawn, in one trait, so that the page never sees half of a change, nor does a saved notebook.
     _scene = traitlets.Dict().tag(sync=True)

@@ -39,7 +39,6 @@ class SortableTable(StoredWidget):
 
     _esm = bundle("sortable_table.js")
     _css = join("widgets.css", "sortable_table.css")
-    #: Caption, columns and rows; set once.
     _table = traitlets.Dict().tag(sync=True)
 
     def __init__(

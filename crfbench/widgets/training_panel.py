@@ -63,7 +63,6 @@ class TrainingPanel(StoredWidget):
 
     _esm = bundle("training_panel.js")
     _css = join("widgets.css", "latents.css")
-    #: What can be chosen; set once.
     _choices = traitlets.Dict().tag(sync=True)
     #: How far the training has got; no epochs before the first.
     _progress = traitlets.Dict(_NO_PROGRESS).tag(sync=True)
