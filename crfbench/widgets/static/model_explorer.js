@@ -88,7 +88,7 @@ class ModelExplorerView {
     const buttons = element("div", { class: "crf-buttons" }, fit, reset);
     const panel = element("div", { class: "crf-panel" }, this.sliderBox, buttons, this.valid.box);
     panel.append(this.readouts.box, this.status);
-    return element("div", { class: "crf-body" }, element("div", { class: "crf-plot" }, this.plot.canvas), panel);
+    return element("div", { class: "crf-body" }, element("div", { class: "crf-plot" }, this.plot.box), panel);
   }
 
   turn(/** @type {number} */ step) {
