@@ -42,5 +42,4 @@ class Polynomial(ClosedForm):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Solve the linear least squares of all curves at once."""
-        # The model is linear in its coefficients, so the least MSE needs no search.
         return np.asarray(np.linalg.lstsq(self._powers.T, as_scaled_curves(curves).T, rcond=None)[0].T)

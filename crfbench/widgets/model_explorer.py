@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from copy import copy
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
@@ -14,13 +13,13 @@ from crfbench.curves import Array, as_curves, axis_labels
 from crfbench.errors import InputError
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
 from crfbench.models import ModelKey, ResponseModel
-from crfbench.widgets.assets import SyncedTrait, bundle, join
+from crfbench.widgets.assets import StoredWidget, SyncedTrait, bundle, join, picture
 
 _REACH = 4.0  # standard deviations on either side of the mean
 _LEAST_SD = 1e-2  # of a parameter that is the same for all curves, so that its slider still moves something
 
 
-class ModelExplorer(anywidget.AnyWidget):
+class ModelExplorer(StoredWidget):
     """Curves beside models whose parameters are sliders; every value can be read and set from Python too.
 
     Beside the plot stand the model's formula and a photograph through curve and model. A slider moves one unconstrained
@@ -52,7 +51,6 @@ class ModelExplorer(anywidget.AnyWidget):
 
     _esm = bundle("model_explorer.js")
     _css = join("widgets.css")
-    #: What can be chosen and what the axes show; set once.
     _choices = traitlets.Dict().tag(sync=True)
     #: All that is drawn, in one trait, so that the page never sees half of a change, nor does a saved notebook.
     _scene = traitlets.Dict().tag(sync=True)
@@ -98,6 +96,12 @@ class ModelExplorer(anywidget.AnyWidget):
         choices = {"names": self._names, "models": list(self.models), "xLabel": x_label, "yLabel": y_label}
         super().__init__(index=0, show_valid=False, model=first, params=self._mean(first), _choices=choices)
         self.on_msg(self._receive)
+
+    def _still(self) -> dict[str, str]:
+        from crfbench.plots import plot_comparison
+
+        direction = self.models[self.model].direction
+        return picture(plot_comparison(self._curves[self.index], {self.model: self.curve}, direction=direction))
 
     def __repr__(self) -> str:
         return f"ModelExplorer(curve={self._names[self.index]!r}, model={self.model!r})"

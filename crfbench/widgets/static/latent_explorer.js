@@ -42,17 +42,17 @@ const formatLatent = (/** @type {number} */ z) => z.toFixed(2).replace("-", "−
 /** What lies below a slider: N(0, 1), the density of the training curves' latents, a tick for each, and where z is. */
 class DensityPlot extends Plot {
   constructor(/** @type {string} */ label, /** @type {Float32Array} */ latents) {
-    super("crf-density");
+    super("crf-density", false);
     const density = kernelDensity(latents, PLACES);
     const top = Math.max(...PRIOR, ...density);
     const inside = latents.filter((z) => Math.abs(z) <= REACH);
     this.position = [0];
     this.draw({
-      x: { min: -REACH, max: REACH, gap: 50 },
-      y: { min: -RUG * top, max: (1 + HEADROOM) * top },
+      x: { name: "z", min: -REACH, max: REACH, gap: 50 },
+      y: { name: "density", min: -RUG * top, max: (1 + HEADROOM) * top },
       marks: [
-        { type: "band", low: PLACES.map(() => 0), high: density, colour: "blue", alpha: 0.3 },
-        { type: "line", y: PRIOR, colour: "vermilion", dash: "dashed", width: 1.5 },
+        { type: "band", name: "training curves", low: PLACES.map(() => 0), high: density, colour: "blue", alpha: 0.3 },
+        { type: "line", name: "N(0, 1)", y: PRIOR, colour: "vermilion", dash: "dashed", width: 1.5 },
         { type: "bar", x: inside, high: inside.map(() => 0), colour: "blue" },
         { type: "bar", x: this.position, width: 2 },
       ],
@@ -163,7 +163,7 @@ class LatentExplorerView {
     const network = element("figure", {}, this.network.canvas, element("figcaption", { class: "crf-note" }, NETWORK_NOTE));
     const panel = element("div", { class: "crf-panel" }, this.sliderBox, this.note, buttons);
     panel.append(this.readouts.box, network, this.status);
-    const left = element("div", { class: "crf-plot" }, this.plot.canvas, this.photo.box);
+    const left = element("div", { class: "crf-plot" }, this.plot.box, this.photo.box);
     return element("div", { class: "crf-body" }, left, panel);
   }
 
@@ -243,7 +243,7 @@ class LatentExplorerView {
     this.densities = labels.map((label, i) => new DensityPlot(label, latents.filter((_, at) => at % k === i)));
     const range = { min: -REACH, max: REACH, step: SLIDER_STEP };
     this.sliders = labels.map((label, i) => labelledSlider(label, range, (z) => (this.stop(), this.slide(i, z))));
-    const boxes = labels.map((_, i) => element("div", {}, this.sliders[i].box, this.densities[i].canvas));
+    const boxes = labels.map((_, i) => element("div", {}, this.sliders[i].box, this.densities[i].box));
     this.sliderBox.replaceChildren(...boxes);
     const outside = latents.filter((z) => Math.abs(z) > REACH).length;
     this.note.textContent =

@@ -103,7 +103,7 @@ class ModelExplorerView {
     const game = element("p", { class: "crf-note" }, GAME);
     const panel = element("div", { class: "crf-panel" }, game, this.sliderBox, buttons, this.valid.box);
     panel.append(this.readouts.box, this.status);
-    const left = element("div", { class: "crf-plot" }, this.plot.canvas, this.photo.box);
+    const left = element("div", { class: "crf-plot" }, this.plot.box, this.photo.box);
     return element("div", { class: "crf-body" }, left, panel);
   }
 
