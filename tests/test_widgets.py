@@ -261,3 +261,12 @@ def test_arguments_that_do_not_belong_together(
 ) -> None:
     with pytest.raises(InputError, match=message):
         ModelExplorer(names, curves, models)
+
+
+@pytest.mark.parametrize(
+    "entry", [path.name for path in assets._STATIC.glob("*.js") if "export default" in path.read_text()]
+)
+def test_no_name_comes_twice_in_a_bundle(entry: str) -> None:
+    names = re.findall(r"^(?:async )?(?:const|let|function|class) (\w+)", bundle(entry), flags=re.MULTILINE)
+    assert [name for name in set(names) if names.count(name) > 1] == []
+    assert len(names) > 3

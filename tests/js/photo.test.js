@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { placeOf, tableOf, unchanged, valueAt } from "../../crfbench/widgets/static/photo.js";
+import { placeOf, tableOf, unchanged, heightAt } from "../../crfbench/widgets/static/photo.js";
 import { lightAt, renderScene } from "../../crfbench/widgets/static/scene.js";
 
 const near = (a, b, within = 1e-9) => assert.ok(Math.abs(a - b) <= within, `${a} is not ${b}`);
@@ -9,7 +9,7 @@ const GRID = Array.from({ length: 1024 }, (_, i) => i / 1023);
 
 test("a place on a rising curve and the value there undo each other", () => {
   const curve = GRID.map((x) => x ** 2.2);
-  for (const place of [0, 0.0004, 0.1, 0.77, 1]) near(placeOf(curve, valueAt(curve, place)), place, 1e-6);
+  for (const place of [0, 0.0004, 0.1, 0.77, 1]) near(placeOf(curve, heightAt(curve, place)), place, 1e-6);
 });
 
 test("what no value of the curve reaches lies at an end, and a flat or falling stretch at its beginning", () => {

@@ -25,7 +25,7 @@ export function placeOf(curve, value) {
 }
 
 /** @type {(curve: Values, place: number) => number} */
-export function valueAt(curve, place) {
+export function heightAt(curve, place) {
   const at = Math.min(1, Math.max(0, place)) * (curve.length - 1);
   const i = Math.min(curve.length - 2, Math.floor(at));
   return curve[i] + (at - i) * (curve[i + 1] - curve[i]);
@@ -34,7 +34,7 @@ export function valueAt(curve, place) {
 // What each level becomes, from 0 to 255: by the curve or, where it leads the other way, by its inverse.
 /** @type {(levels: Float64Array, curve: Values, inverse?: boolean) => Uint8ClampedArray} */
 export function tableOf(levels, curve, inverse = false) {
-  const through = inverse ? placeOf : valueAt;
+  const through = inverse ? placeOf : heightAt;
   return Uint8ClampedArray.from(levels, (level) => 255 * through(curve, level));
 }
 
