@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from crfbench.checks import check_count, check_seed
 from crfbench.curves import N_SAMPLES, Array, evaluate
@@ -85,16 +86,9 @@ def learned_prior(model: ResponseModel) -> Prior:
 
 
 def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -> Table:
-    """Decode a table of the model's curves; for many calibrations, decode it once.
+    """Decode a table of the curves of a model with a prior; for many calibrations, decode it once.
 
-    Parameters
-    ----------
-    model : ResponseModel
-        With a prior.
-    rows : int, optional
-        Default 512 for one parameter, 1024 draws for more.
-    seed : int
-        Of the draws.
+    It has so many `rows`, by default 512 for one parameter, 1024 draws by `seed` for more.
     """
     prior = learned_prior(model)
     if rows is not None:
@@ -177,13 +171,11 @@ def _best(values: Array, unconstrained: Array) -> tuple[np.ndarray, np.ndarray]:
     A family of several parameters folds: two far regions may make much the same curve, and the lower one need not hold
     the lowest row.
     """
-    lowest = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
-    scaled = unconstrained / unconstrained.std(axis=0)
-    near = ((scaled[:, None] - scaled) ** 2).sum(axis=2) < _APART**2
-    left = np.where(near[lowest].any(axis=1), np.inf, values)
-    chosen = [lowest]
+    rows = np.argpartition(values, N_STARTS - 1, axis=1)[:, :N_STARTS]
+    scaled, left, latest = unconstrained / unconstrained.std(axis=0), values, rows
     for _ in range(N_STARTS):
-        chosen.append(left.argmin(axis=1)[:, None])
-        left = np.where(near[chosen[-1][:, 0]], np.inf, left)
-    rows = np.concatenate(chosen, axis=1)
+        near = cdist(scaled[latest.ravel()], scaled).reshape(*latest.shape, -1) < _APART
+        left = np.where(near.any(axis=1), np.inf, left)
+        latest = left.argmin(axis=1)[:, None]
+        rows = np.concatenate([rows, latest], axis=1)
     return np.repeat(np.arange(len(values)), rows.shape[1]), rows.ravel()

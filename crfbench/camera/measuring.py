@@ -383,6 +383,8 @@ def weighed_by_scatter(found: Calibration) -> Observations:
     What all photographs of a patch share is no scatter but an error of its reference.
     """
     o, (counts,) = found.observations, found.observations.counts
+    if len(counts) == 1:
+        return o
     b = np.maximum(o.brightness[0], 1 / 255)
     noise = np.hypot(typical_slope(b) * found.noise.brightness / b, found.noise.fine)
     off = np.ma.array(found.residuals[0], mask=~counts)

@@ -20,11 +20,9 @@ from crfbench.datasets.dorf import read_official
 from crfbench.datasets.registry import DataSet, RemoteFile, folders, known
 from crfbench.errors import CrfbenchError, FetchError, InputError
 
-# Seconds to wait for the connection, and for the next bytes.
-TIMEOUT = (30.0, 30.0)
+TIMEOUT = (30.0, 30.0)  # seconds, for the connection and for the next bytes
 
-# With more files than this one bar counts files; else each file has a bar that counts bytes.
-_FEW = 5
+_FEW = 5  # with more files one bar counts files; else each file has a bar that counts bytes
 
 
 def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = None, progress: bool = True) -> list[Path]:
@@ -91,7 +89,7 @@ def _fetch_file(file: RemoteFile, key: str, target: Path, mirror: str | None, pr
         return Path(_retrieve(file, url, path, progress))
     except (CrfbenchError, OSError, ValueError) as error:
         advice = f"try 'crfbench fetch {key}' again later or with --mirror"
-        usable = f" ({file.without})" if file.without else ""
+        usable = f" (all else is in place; {file.without})" if file.without else ""
         raise FetchError(f"{url} could not be fetched: {_reason(error, path)}; {advice}{usable}") from error
 
 

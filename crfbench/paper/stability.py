@@ -49,7 +49,7 @@ def stability_table(
     camera : str
         Shown by itself; the paper's is "CanonPowerShotG9".
     triples : int
-        How many random triples, spread over all cameras and lights; 0 leaves them out.
+        How many random triples, spread over all cameras and lights; with 0, no other camera is calibrated at all.
     rows : sequence of str
         Inverse models.
     discrepancy : bool
@@ -68,10 +68,10 @@ def stability_table(
     chart = patch_arrays(load_patches())
     check_choice("camera", camera, chart.cameras)
     check_count("triples", triples, least=0)
-    cases = [
-        (camera, ("paper", "map", "posterior"), _stated(chart, [chart.cameras.index(camera)])),
-        ("all", ("map", "posterior"), _stated(chart, list(range(len(chart.cameras))))),
-    ]
+    stated = _stated(chart, [chart.cameras.index(camera)])
+    cases: list[tuple[str, tuple[str, ...], Observations]] = [(camera, ("paper", "map", "posterior"), stated)]
+    if triples:
+        cases.append(("all", ("map", "posterior"), _stated(chart, list(range(len(chart.cameras))))))
     turns, drawn = _triples(chart, max(triples, 1), check_seed(seed))
     found = []
     for name in rows:
