@@ -116,6 +116,14 @@ class Observations:
         defaults = {"reference_error": np.hypot(REFERENCE_ERROR, colour), "colour": colour}
         return cls(channels.mean(axis=-1), reference, **{**defaults, **others})
 
+    def weighed(self, factor: Array) -> Self:
+        """Let each observation count for so many times as many."""
+        o = self
+        weights = o.weights * factor
+        return type(o)(
+            *(o.brightness, o.reference, o.exposures, o.clipped), weights, o.reference_error, o.absolute, o.colour
+        )
+
     def of_sets(self, sets: slice) -> Self:
         """Keep some of the `n` sets."""
         return self._picked(sets, slice(None))
