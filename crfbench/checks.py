@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from crfbench.errors import FormatError, InputError
 
-#: The greatest number that an argument may be, where nothing else bounds it.
-MOST = 1e30
+MOST = 1e30  # where nothing else bounds an argument
 
 
 def as_numbers(name: str, values: object) -> NDArray[np.float64]:

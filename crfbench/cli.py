@@ -351,12 +351,6 @@ def search(
     _print_tables({title: result.table}, as_json)
 
 
-@app.command(hidden=True, rich_help_panel=_DATA)
-def bench() -> None:
-    """Say where the benchmarks are now; for one release."""
-    raise InputError("the benchmarks are in the repository of crfbench; run them there with: make bench")
-
-
 @app.command(rich_help_panel=_CAMERA, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def lab(
     context: typer.Context,

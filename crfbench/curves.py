@@ -19,10 +19,8 @@ N_SAMPLES = 1024
 GRID: Array = np.linspace(0.0, 1.0, N_SAMPLES)
 GRID.flags.writeable = False
 
-# Measured curves overshoot 1 by little; those of 8-bit values exceed this.
-_MOST = 10.0
-# A slope this small makes plateaus invertible and moves no sample by more than itself.
-_TILT = 1e-6
+_MOST = 10.0  # measured curves overshoot 1 by little; those of 8-bit values exceed this
+_TILT = 1e-6  # a slope that makes plateaus invertible and moves no sample by more than itself
 
 
 def check_direction(direction: str) -> Direction:

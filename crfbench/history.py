@@ -22,12 +22,9 @@ class History:
 
     constraint: str
     epochs: np.ndarray  # shape (e,); numbers of the epochs kept, from 0
-    # shape (e,); each term of the loss, unweighted, and the "learning rate"
-    losses: dict[str, np.ndarray] = field(repr=False)
-    # shape (e, n, k); the encoder's latents of all `n` training curves, in order
-    latents: np.ndarray = field(repr=False)
-    # shape (e, 9, 65); the decoded curves of the latents `PROBES` (the other latents at 0) at the samples
-    # `PROBE_SAMPLES`
+    losses: dict[str, np.ndarray] = field(repr=False)  # shape (e,); terms, unweighted, and the "learning rate"
+    latents: np.ndarray = field(repr=False)  # shape (e, n, k); of all `n` training curves, in order
+    # shape (e, 9, 65); curves of the latents `PROBES` (the other latents at 0) at the samples `PROBE_SAMPLES`
     probes: np.ndarray = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -47,7 +44,6 @@ class History:
     def thin(self, count: int) -> "History":
         """Return about `count` epochs, close together at the start where most happens, and the last."""
         check_count("count", count)
-        # Even steps in the logarithm of the epoch.
         steps = np.geomspace(1, len(self), min(count, len(self))).round().astype(int) - 1
         return self.select(np.unique(np.append(steps, len(self) - 1)))
 
@@ -73,9 +69,8 @@ class History:
                 latents, probes = file["latents"].astype(np.float32), file["probes"].astype(np.float32)
                 return cls(str(file["constraint"]), file["epochs"], losses, latents, probes)
         except NPZ_DAMAGE as error:
-            raise FormatError(
-                f"{path.name} is not a training history ({error}); use one that History.save wrote"
-            ) from None
+            reason = f"is not a training history ({error})"
+            raise FormatError(f"{path.name} {reason}; use one that History.save wrote") from None
 
 
 def load_history(constraint: str) -> History:
@@ -83,8 +78,7 @@ def load_history(constraint: str) -> History:
 
     Parameters
     ----------
-    constraint : str
-        "baseline", "ldl", "auc", "aae" or "vae".
+    constraint : {"baseline", "ldl", "auc", "aae", "vae"}
     """
     return History.load(bundled("data/histories") / f"{constraint}.npz")
 

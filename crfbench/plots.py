@@ -201,10 +201,12 @@ def plot_latent_epochs(histories: Mapping[str, History], axes: Sequence[Axes] | 
     """
     panels = list(axes) if axes is not None else _latent_panels(len(histories) + 1)
     last = max(int(history.epochs[-1]) for history in histories.values())
-    pictures = [("objective N(0, 1)", np.array([0, last]), np.tile(_bin_means(), (2, 1)))]
+    objective = (_NORMAL[:-1] + _NORMAL[1:]) / 2  # in each bin
+    pictures = [("objective N(0, 1)", np.array([0, last]), np.tile(objective, (2, 1)))]
     pictures += [(title, h.epochs, _densities(h.latents[:, :, 0])) for title, h in histories.items()]
     for ax, letter, (title, epochs, densities) in zip(panels, "abcdefghijklmnopqrstuvwxyz", pictures, strict=False):
-        mesh = ax.pcolormesh(_edges(epochs), _BINS, densities.T, vmin=0, vmax=_MOST, cmap="viridis", rasterized=True)
+        edges = np.append(epochs + 1.0, epochs[-1] + 2.0)  # each column lasts until the next epoch that was kept
+        mesh = ax.pcolormesh(edges, _BINS, densities.T, vmin=0, vmax=_MOST, cmap="viridis", rasterized=True)
         ax.set(title=f"({letter}) {title}", xscale="log", xlim=(1, last + 1), yticks=range(-4, 5, 2))
         ax.xaxis.set_major_formatter("{x:.0f}")
     for ax in panels[-3:]:
@@ -227,20 +229,10 @@ def _latent_panels(count: int) -> list[Axes]:
     return list(grid.flat[:count])
 
 
-def _edges(epochs: np.ndarray) -> np.ndarray:
-    """Return where the columns begin, each lasting until the next epoch that was kept, and where the last ends."""
-    return np.append(epochs + 1, epochs[-1] + 2).astype(float)
-
-
 def _densities(latents: np.ndarray) -> np.ndarray:
     """Return histograms (e, 40) of latents (e, n) as densities."""
     counts = [np.histogram(np.clip(row, -_REACH, _REACH), _BINS)[0] for row in latents]
     return np.array(counts) / (latents.shape[1] * (_BINS[1] - _BINS[0]))
-
-
-def _bin_means() -> np.ndarray:
-    """Return the density of N(0, 1) in each bin."""
-    return np.asarray((_NORMAL[:-1] + _NORMAL[1:]) / 2)
 
 
 def plot_latent_histogram(latents: ArrayLike, ax: Axes | None = None) -> Axes:

@@ -25,7 +25,7 @@ from tqdm.auto import tqdm
 
 from crfbench.checks import check_choice, check_count, check_number, check_seed
 from crfbench.constraints import CONSTRAINTS, Constraint
-from crfbench.curves import N_SAMPLES, Array, Direction, as_valid_curves
+from crfbench.curves import N_SAMPLES, Direction, as_valid_curves
 from crfbench.datasets import Responses, load_responses
 from crfbench.errors import InputError
 from crfbench.history import PROBE_SAMPLES, PROBES, History, latent_statistics
@@ -33,11 +33,9 @@ from crfbench.metrics import mse, nonmonotone
 from crfbench.models import ModelKey
 from crfbench.models.slr import LEAST_STEP, SLR
 
-#: Steps of the shortest cycle of the step size; PyTorch divides by zero where its first tenth is one step.
-LEAST_CYCLE = 12
+LEAST_CYCLE = 12  # steps; PyTorch divides by zero where the first tenth of a cycle is one step
 _SEED_OF_VALIDITY = 1
 
-#: Sees the number of the epoch and the trainer; returns True to stop.
 OnEpoch = Callable[[int, "Trainer"], bool | None]
 
 
@@ -111,10 +109,6 @@ def _layers(widths: tuple[int, ...]) -> nn.ModuleList:
     return nn.ModuleList(nn.Linear(fan_in, fan_out) for fan_in, fan_out in pairwise(widths))
 
 
-def _linear(layers: nn.ModuleList, index: int) -> nn.Linear:
-    return cast(nn.Linear, layers[index])
-
-
 def to_torch(model: SLR) -> Autoencoder:
     """Return the PyTorch network with the weights of a trained SLR, for checks and comparisons."""
     network = Autoencoder(model)
@@ -147,11 +141,6 @@ def train(
         Called after each epoch with its number and the trainer; training stops when it returns True.
     progress : bool
         Whether to show a bar with the time left.
-
-    Returns
-    -------
-    model : SLR
-    history : History
     """
     batch = as_valid_curves(curves)
     if len(batch) < 2:
@@ -211,7 +200,10 @@ class Trainer:
         self.network.eval()
         with torch.no_grad():
             self._latents.append(self.network.encode(self._scaled(self.curves))[:, : self.config.n_latent])
-            self._probes.append(self.network.decode(_probe_latents(self.config.n_latent))[:, PROBE_SAMPLES])
+            probes = functional.pad(
+                torch.as_tensor(PROBES, dtype=torch.float32)[:, None], (0, self.config.n_latent - 1)
+            )
+            self._probes.append(self.network.decode(probes)[:, PROBE_SAMPLES])
         self.losses.append({name: float(np.mean([term[name] for term in terms])) for name in terms[0]})
         if self.losses[-1]["total"] < self._best:
             self._best, self._best_epoch = self.losses[-1]["total"], len(self.losses)
@@ -275,9 +267,9 @@ class Trainer:
         self._scale = (self.curves - self._mean).std()
         steps = self._mean.diff().clamp_min(1e-5) * (N_SAMPLES - 1)
         start = torch.log(torch.expm1(steps)) if self.config.monotone else torch.logit(self._mean, 1e-3)
-        _linear(self.network.decoder, -1).bias.copy_(start)
+        cast(nn.Linear, self.network.decoder[-1]).bias.copy_(start)
         if self.config.n_latent == 1:
-            first = _linear(self.network.decoder, 0)
+            first = cast(nn.Linear, self.network.decoder[0])
             sign = torch.where(torch.rand_like(first.bias) < 0.5, -1.0, 1.0)
             first.weight[:, 0] = sign * (0.5 + torch.rand_like(first.bias))
             first.bias.copy_(-first.weight[:, 0] * torch.linspace(-2.5, 2.5, len(first.bias)))
@@ -286,12 +278,6 @@ class Trainer:
 def roughness(curves: Tensor) -> Tensor:
     """Mean over the curves of the l2-norm of their first derivative over [0, 1]."""
     return (curves.diff(dim=1) * (N_SAMPLES - 1)).pow(2).mean(dim=1).sqrt().mean()
-
-
-def _probe_latents(n_latent: int) -> Tensor:
-    latents = torch.zeros(len(PROBES), n_latent)
-    latents[:, 0] = torch.as_tensor(PROBES)
-    return latents
 
 
 #: What is bundled was trained with these, by the name of the inverse model; the forward ones are trained alike.
@@ -321,22 +307,18 @@ def train_pretrained(names: Iterable[str], folder: Path, progress: bool = True) 
     keys = [ModelKey.parse(name) for name in names]
     for key in keys:
         if str(key) not in pretrained_keys():
-            raise InputError(
-                f"{str(key)!r} is not a bundled network; use --all or some of: {', '.join(pretrained_keys())}"
-            )
+            known = ", ".join(pretrained_keys())
+            raise InputError(f"{str(key)!r} is not a bundled network; use --all or some of: {known}")
     # Data that are missing are told before the first training, not after it.
-    data = {which: load_responses(which) for which in sorted({_dataset(key) for key in keys})}
-    for key in keys:
-        model, history = _train_one(key, data[_dataset(key)], progress)
+    sources = ["opencrf" if key.constraint == "open" else "dorf" for key in keys]
+    data = {which: load_responses(which) for which in sorted(set(sources))}
+    for key, which in zip(keys, sources, strict=True):
+        model, history = _train_one(key, data[which], progress)
         model.save(path := folder / "weights" / f"{key}.safetensors")
         yield path
         if key in (ModelKey("SLR", constraint, 1) for constraint in CONSTRAINTS):
             history.thin(150).save(path := folder / "histories" / f"{key.constraint}.npz")
             yield path
-
-
-def _dataset(key: ModelKey) -> str:
-    return "opencrf" if key.constraint == "open" else "dorf"
 
 
 def _train_one(key: ModelKey, responses: Responses, progress: bool) -> tuple[SLR, History]:
@@ -352,18 +334,14 @@ def _train_one(key: ModelKey, responses: Responses, progress: bool) -> tuple[SLR
     start = time.perf_counter()
     model, history = train(curves, key.direction, config, metadata, progress=progress)
     seconds = time.perf_counter() - start
-    model.metadata_["figures"] = {**_figures(model, curves), "training_seconds": round(seconds, 1)}
-    return model, history
-
-
-def _figures(model: SLR, curves: Array) -> dict[str, float]:
-    best = mse(model.decode(model.fit(curves)), curves)
-    encoder = mse(model.decode(model.encode(curves)), curves)
+    best, encoder = (mse(model.decode(latents), curves) for latents in (model.fit(curves), model.encode(curves)))
     drawn = model.decode(np.random.default_rng(_SEED_OF_VALIDITY).normal(size=(10_000, model.n_params)))
-    return {
+    model.metadata_["figures"] = {
         "best_mse": float(best.mean()),
         "best_rmse": float(np.sqrt(best).mean()),
         "encoder_mse": float(encoder.mean()),
         "nonmonotone_of_10000": int(nonmonotone(drawn).sum()),
         **latent_statistics(model.weights_["latents"].astype(float)),
+        "training_seconds": round(seconds, 1),
     }
+    return model, history

@@ -103,7 +103,7 @@ def test_random_triples_and_channels_have_rows_of_their_own():
 
 @pytest.mark.slow
 def test_the_recorded_table_of_the_papers_method_is_what_the_function_gives():
-    rows = (LDL, "EMoR-3", "Polynomial-3", "GGCM-3", "Gamma-1", "SLR-baseline-1", "SLR-ldl-3")
+    rows = (LDL, "EMoR-3", "GGCM-3", "Gamma-1")
     columns = ["mean", "sd", "max", "difference_low", "difference_high"]
     ours = calibration.calibration_table("3", "paper", rows=rows).set_index("model").loc[list(rows)]
     recorded = load_results().calibration.loc[list(rows)]

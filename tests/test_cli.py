@@ -166,7 +166,6 @@ def test_data_lists_every_set():
         (["tables", "--out", os.devnull], f"{os.devnull} cannot be used: "),
         (["report", "--out", "."], ". cannot be used: "),
         (["search", "--seed", "-1"], "--seed -1 is out of range; use a whole number from 0"),
-        (["bench"], "run them there with: make bench"),
     ],
 )
 def test_mistakes_are_one_sentence_and_status_2(args, words):

@@ -72,6 +72,34 @@ def test_fit_is_the_fit_of_the_model(explorer: ModelExplorer, model: GGCM | Poly
     assert explorer._scene["message"].startswith(f"Fitted {explorer.model} to {NAMES[index]}: RMSE ")
 
 
+def test_the_best_by_hand_is_kept_for_each_model_and_curve_and_told_after_a_fit(explorer: ModelExplorer) -> None:
+    explorer.params = (2.0, 0.0)
+    assert explorer.best == {}, "Python's moves are not the hand's"
+    assert explorer._scene["best"] is None
+    errors = []
+    for position in (0.5, -0.5, 2.0):
+        send(explorer, "positions", [position, 0.0])
+        errors.append(explorer._scene["rmse"])
+    assert explorer.best == {("GGCM-2", "bright"): min(errors)}
+    assert explorer._scene["best"] == min(errors) < explorer._scene["rmse"]
+    send(explorer, "fit")
+    assert explorer._scene["message"].endswith(f"; your best by hand: {min(errors):.4g}")
+    assert explorer._scene["best"] == min(errors) > explorer._scene["rmse"], "a fit is not by hand"
+    explorer.index = 1
+    assert explorer._scene["best"] is None
+
+
+@pytest.mark.parametrize("model", [GGCM(2), Polynomial(3), PPISP(), PPISP("forward"), Gamma()])
+def test_the_formula_is_that_of_the_curve(model: GGCM | Polynomial | PPISP | Gamma) -> None:
+    explorer = ModelExplorer(NAMES, CURVES, [model])
+    assert explorer._scene["equation"] == model.equation
+    notes = [slider["note"] for slider in explorer._scene["sliders"]]
+    assert len({*notes}) == model.n_params
+    assert all(": " in note for note in notes)
+    if isinstance(model, PPISP):  # an inverse response is written with the axes swapped
+        assert model.equation.startswith("y" if model.direction == "forward" else "x")
+
+
 def test_reset_and_a_new_model_start_at_the_mean(explorer: ModelExplorer) -> None:
     start = explorer.params
     explorer.fit()

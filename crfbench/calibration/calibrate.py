@@ -3,7 +3,6 @@
 import time
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from crfbench.curves import GRID, Array, evaluate, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 from crfbench.models.registry import ModelKey, channel_difference
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 LEVELS = (0.5, 0.9)
 _FREE = 50.0  # stops; exposures that err so much are as the photographs say
@@ -56,14 +52,14 @@ class Calibration:
     model: ResponseModel
     method: str
     observations: Observations
-    noise: Noise
-    params: Array
+    noise: Noise  # what `residuals` are weighed with
+    params: Array  # shape (n, k); the best by the method's own measure
     curves: Array
-    warnings: tuple[tuple[str, ...], ...]
-    seconds: float
-    noise_scale: Array | None = None
-    samples: PosteriorSamples | None = None
-    bands: dict[float, tuple[Array, Array]] = field(default_factory=dict)
+    warnings: tuple[tuple[str, ...], ...]  # a tuple for each set
+    seconds: float  # for all of them
+    noise_scale: Array | None = None  # shape (n,); by which the data scale the stated noise ("map", "posterior")
+    samples: PosteriorSamples | None = None  # the posterior itself ("posterior")
+    bands: dict[float, tuple[Array, Array]] = field(default_factory=dict)  # ("posterior")
 
     def __repr__(self) -> str:
         model, warned = ModelKey.of(self.model), sum(map(bool, self.warnings))
@@ -84,11 +80,8 @@ class Calibration:
 
         At the exposures that fit best, and without a reference at the irradiances that do.
         """
-        likelihood, every = Likelihood(self.observations, self.noise), slice(None)
-        brightness = self.observations.brightness
-        g = evaluate(self.curves, brightness.reshape(len(self), -1)).reshape(*brightness.shape, 1)
-        d = likelihood.residual(g, every)
-        d = (d - likelihood.squares(d, every)[1][:, :, None])[..., 0]
+        likelihood, d, exposures = self._residual(self.noise)
+        d = (d - exposures[:, :, None])[..., 0]
         if self.observations.reference is None:
             counted = likelihood.precision
             d = d - ((counted * d).sum(axis=1) / np.maximum(counted.sum(axis=1), 1e-300))[:, None]
@@ -97,31 +90,20 @@ class Calibration:
     @cached_property
     def exposure_errors(self) -> Array:
         """By how many stops each photograph seems brighter than its exposure says, (n, e); the median of a set is 0."""
-        likelihood, every = Likelihood(self.observations, replace(self.noise, exposure=_FREE)), slice(None)
-        brightness = self.observations.brightness
-        g = evaluate(self.curves, brightness.reshape(len(self), -1)).reshape(*brightness.shape, 1)
-        off = likelihood.squares(likelihood.residual(g, every), every)[1][:, :, 0] / np.log(2)
+        off = self._residual(replace(self.noise, exposure=_FREE))[2][:, :, 0] / np.log(2)
         return np.asarray(off - np.median(off, axis=1, keepdims=True))
+
+    def _residual(self, noise: Noise) -> tuple[Likelihood, Array, Array]:
+        """Return the likelihood, the residuals (n, e, p, 1), and the exposures (n, e, 1) that fit them best."""
+        likelihood, brightness = Likelihood(self.observations, noise), self.observations.brightness
+        g = evaluate(self.curves, brightness.reshape(len(self), -1)).reshape(*brightness.shape, 1)
+        d = likelihood.residual(g, slice(None))
+        return likelihood, d, likelihood.squares(d, slice(None))[1]
 
     @property
     def responses(self) -> Array:
         """Responses (irradiance to brightness), shape (n, 1024): the nearest valid curves, inverted."""
         return invert(repair(self.curves))
-
-    def to_frame(self) -> "DataFrame":
-        """Return one row for each set: parameters, brightness range, RMS residual, noise scale and warnings."""
-        import pandas as pd
-
-        frame = pd.DataFrame(self.params, columns=list(self.model.param_names))
-        frame["darkest"], frame["brightest"] = self.brightness_range.T
-        counts = self.observations.counts
-        squares = np.where(counts, self.residuals**2, 0.0).sum(axis=(1, 2))
-        frame["rms_residual"] = np.sqrt(squares / counts.sum(axis=(1, 2)))
-        if self.noise_scale is not None:
-            frame["noise_scale"] = self.noise_scale
-        if self.samples is not None:
-            frame["log_evidence"] = self.samples.log_evidence
-        return frame.assign(warnings=["; ".join(each) for each in self.warnings])
 
     def dots(self, index: int = 0) -> tuple[Array, Array]:
         """Return brightness and aligned irradiance of the measured patches of one set, each of shape (m,)."""
@@ -182,10 +164,6 @@ def calibrate(
         Of every random step.
     table : Table, optional
         From `decode_table(model)`, to decode only once for many calls.
-
-    Returns
-    -------
-    Calibration
     """
     noise = Noise() if noise is None else noise
     _check(model, observations, method, noise, table)

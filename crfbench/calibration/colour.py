@@ -55,11 +55,12 @@ class ColourCalibration:
         Of 3 n sets, given M: red, green and blue of one camera after another.
     """
 
-    matrix: Array
+    matrix: Array  # shape (n, 3, 3); M; light 1 is brightness 1, so that its rows sum to the white balance
+    # shape (n, 6); posterior standard deviation of the shares of M off its diagonal, for RAW that is balanced to grey
     deviation: Array
-    told: NDArray[np.bool_]
-    soft: Array
-    calibration: Calibration
+    told: NDArray[np.bool_]  # shape (n,); whether the data tell M; else it is diagonal
+    soft: Array  # shape (n,); how softly colours are drawn into the gamut, s above
+    calibration: Calibration  # of 3 n sets, given M: red, green and blue of one camera after another
 
     def __len__(self) -> int:
         return len(self.matrix)
@@ -134,10 +135,6 @@ def calibrate_colour(
         How many observations each place counts for; 0 leaves it out. Default 1.
     model, method, seed
         As in `calibrate`; by default the default model, and "posterior".
-
-    Returns
-    -------
-    ColourCalibration
     """
     model, (jpeg, linear, weight) = model or load_model(DEFAULT_MODEL), _checked(brightness, raw, weights)
     table, n = decode_table(model, seed=seed), len(jpeg)

@@ -30,7 +30,7 @@ M = TypeVar("M", bound=ResponseModel)
 
 
 def learn_discrepancy(model: M, curves: ArrayLike) -> M:
-    """Set the model's `discrepancy_`, which `calibrate` needs, from curves that it was not trained with.
+    """Set the model's `discrepancy_`, which `calibrate` needs, from curves that it was not trained with; return it.
 
     Parameters
     ----------
@@ -38,11 +38,6 @@ def learn_discrepancy(model: M, curves: ArrayLike) -> M:
         Of direction "inverse", with a prior.
     curves : array_like, shape (n, 1024)
         Inverse responses. Curves of the training give bands that are too narrow.
-
-    Returns
-    -------
-    ResponseModel
-        The same.
     """
     check_kind("model", model, ResponseModel, "load_model(name)")
     if model.direction != "inverse":

@@ -31,7 +31,7 @@ from scipy.linalg import block_diag
 from scipy.special import log_ndtr, logsumexp
 
 from crfbench.calibration.observations import Observations
-from crfbench.calibration.posterior import Noise, Posterior, PosteriorSamples, log_offset
+from crfbench.calibration.posterior import Noise, Posterior, PosteriorSamples, degrees, log_offset, told_by_clipping
 from crfbench.calibration.table import BAND_SAMPLES, N_NEARBY, Table, chunks, learned_prior, minimise, rows_near
 from crfbench.curves import Array
 from crfbench.errors import InputError
@@ -99,10 +99,6 @@ class Family(NamedTuple):
         weights = discrepancy.scale_weight, factor[None], np.ones(1)
         return cls(mean, basis, components, log_weight[None], *weights, alone)
 
-    def with_components(self, logs: Array, log_weight: Array) -> "Family":
-        """Return the family with components (n, c, 64) and log weights (n, c) for each set of observations."""
-        return self._replace(components=(logs - self.mean) @ self.basis, log_weight=log_weight)
-
     def with_channels(self, difference: Discrepancy) -> "Family":
         """Return the family of three channels that differ so; sets of observations are then theirs, in turn."""
         project = self.basis.T @ difference.factor[:, -_DIRECTIONS:]
@@ -149,9 +145,9 @@ class Readings:
         steep = typical_slope(b)
         read = (steep * noise.brightness / np.maximum(b, 1 / 255)) ** 2
         self.variance = read + noise.fine**2
-        self.precision = observations.counts * self.weights / self.variance
         counted = observations.counts * self.weights
-        self.freedom = self._degrees()
+        self.precision = counted / self.variance
+        self.freedom = np.maximum(degrees(observations) * self.independent, 1.0)
         # The density of a brightness is that of log irradiance times the slope, where the noise is the brightness's.
         share = self.freedom / counted.sum(axis=(1, 2))
         steepness = (counted * np.log(steep) * read / self.variance).sum(axis=(1, 2)) * share
@@ -177,23 +173,6 @@ class Readings:
         free = np.maximum(counts.sum(axis=(1, 2)) - seen.sum(axis=1) - scales, 0) * share
         return np.asarray(1.0 + np.minimum(free / np.maximum(known, 1.0), _MOST_STRETCH))
 
-    def _degrees(self) -> Array:
-        """Count the readings beyond those that the eliminated unknowns take up, each by its weight; at least 1."""
-        o, counts = self.observations, self.observations.counts
-        n = (counts * o.weights).sum(axis=(1, 2))
-        scales = counts.any(axis=2).sum(axis=1) if o.exposures is None else 1 - o.absolute
-        patches = counts.any(axis=1).sum(axis=1) - 1 if o.reference is None else 0
-        return np.maximum((n - scales - patches) * self.independent, 1.0)
-
-    def errors(self, ratio: float) -> Array:
-        """Return the variance of each reference, (n, p)."""
-        known = self.observations.reference is not None
-        return (
-            (ratio * self.observations.reference_error) ** 2
-            if known
-            else np.full(self.precision[:, 0].shape, _UNKNOWN**2)
-        )
-
     def exposure_prior(self, ratio: float) -> Array:
         """Return the precision of the exposures before any data, (n or 1, e, e).
 
@@ -216,7 +195,9 @@ class Readings:
         """Eliminate references, then exposures; see `crfbench.calibration.posterior.Likelihood`."""
         w, d = self.precision, self.columns
         n, e, p, k = d.shape
-        errors, prior = self.errors(ratio), self.exposure_prior(ratio)
+        error = ratio * self.observations.reference_error
+        errors = error**2 if self.observations.reference is not None else np.full((n, p), _UNKNOWN**2)
+        prior = self.exposure_prior(ratio)
         share = 1.0 / (w.sum(axis=1) + 1.0 / errors)
         by_patch = np.einsum("nep,nepk->npk", w, d)
         crossed = w * share[:, None]
@@ -243,14 +224,9 @@ class Readings:
 
         As photograph, patch (n,), in which sets there is one (n,), and 1 for white, -1 for black.
         """
-        o, counts = self.observations, self.observations.counts
-        told = o.clipped & (o.weights > 0)
-        # A photograph of unknown exposure that is all clipped says nothing, nor does a patch of unknown irradiance.
-        if o.exposures is None:
-            told = told & counts.any(axis=2, keepdims=True)
+        o, counts, told = self.observations, self.observations.counts, told_by_clipping(self.observations)
         light = o.reference
         if light is None:
-            told = told & counts.any(axis=1, keepdims=True)
             light = np.where(counts, o.brightness, 0).sum(axis=1) / np.maximum(counts.sum(axis=1), 1)
         found = []
         for e in range(o.brightness.shape[1]):
@@ -261,13 +237,8 @@ class Readings:
         return found
 
 
-class _Solved(NamedTuple):
-    """The posterior in the eigenbasis of one ratio."""
-
-    values: Array  # shape (m, s); l
-    root: Array  # shape (m, s, s); B U
-    y: Array  # shape (m, s, c)
-    square: Array  # shape (m, c); R
+#: The posterior in the eigenbasis of one ratio: l (m, s), B U (m, s, s), y (m, s, c) and R (m, c).
+_Solved = tuple[Array, Array, Array, Array]
 
 
 def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
@@ -276,16 +247,17 @@ def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
     v = np.swapaxes(family.components, 1, 2)
     left = found.h[..., None] - found.a @ v
     square = found.square[:, None] - (v * (found.h[..., None] + left)).sum(axis=1)
-    return _Solved(np.maximum(values, 0.0), root, np.swapaxes(root, 1, 2) @ left, np.maximum(square, 0.0))
+    return np.maximum(values, 0.0), root, np.swapaxes(root, 1, 2) @ left, np.maximum(square, 0.0)
 
 
 def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) -> Array:
     """Return the log likelihood of every term, (n, levels, scales, components)."""
+    values, _, y, square = solved
     # Many scales and levels have the same quotient: what depends on it alone is computed once.
     k2, which = np.unique((SCALES / _LEVELS[:, None]) ** 2, return_inverse=True)
     which = which.reshape(len(_LEVELS), len(SCALES))
-    spread = 1.0 + k2[:, None] * solved.values[:, None]
-    left = solved.square[:, None] - (k2[:, None] / spread) @ solved.y**2
+    spread = 1.0 + k2[:, None] * values[:, None]
+    left = square[:, None] - (k2[:, None] / spread) @ y**2
     logs = left[:, which] * (-0.5 / _LEVELS[:, None, None] ** 2)
     constant = readings.by_camera(readings.constant) - 0.5 * found.log_det
     each = constant[:, None] - readings.by_camera(readings.freedom)[:, None] * np.log(_LEVELS)
@@ -412,7 +384,8 @@ def _with_near_rows(model: ResponseModel, best: Array, table: Table, family: Fam
     """Add rows near the most probable parameters (n, k), which the table's few rows miss where data say much."""
     z, near, log_weight = rows_near(model, table, best, seed)
     logs = np.broadcast_to(table.at_knots, (len(best), *table.at_knots.shape))
-    return z, family.with_components(np.concatenate([logs, at_knots(np.clip(near, 0.0, 1.0))], axis=1), log_weight)
+    logs = np.concatenate([logs, at_knots(np.clip(near, 0.0, 1.0))], axis=1)
+    return z, family._replace(components=(logs - family.mean) @ family.basis, log_weight=log_weight)
 
 
 def solve(observations: Observations, noise: Noise, family: Family, unconstrained: Array) -> Mixture:
@@ -422,9 +395,8 @@ def solve(observations: Observations, noise: Noise, family: Family, unconstraine
     pairs = [(each, factor) for each in found for factor in family.factors]
     solved = [_diagonalised(each, factor, family) for each, factor in pairs]
     logs = np.stack([_log_probability(f, s, readings) for (f, _), s in zip(pairs, solved, strict=True)], axis=1)
-    logs += (_level_weights()[:, None] + np.log(family.channel_weight)[:, None]).reshape(-1, len(_LEVELS))[
-        ..., None, None
-    ]
+    prior = _level_weights()[:, None] + np.log(family.channel_weight)[:, None]
+    logs += prior.reshape(-1, len(_LEVELS))[..., None, None]
     logs += np.log(family.scale_weight)[:, None] + family.log_weight[:, None, None, None]
     mixture = _terms(logs, solved, family, unconstrained)
     for patch in readings.told():
@@ -447,7 +419,7 @@ def _terms(logs: Array, solved: list[_Solved], family: Family, unconstrained: Ar
     chosen = np.stack([np.searchsorted(row, at * row[-1]) for row in total])
     j, t, a, c = np.unravel_index(chosen, logs.shape[1:])
     k = (SCALES[a] / _LEVELS[t])[..., None]
-    values, y, root = (np.stack([getattr(s, name) for s in solved], axis=1) for name in ("values", "y", "root"))
+    values, root, y, _ = (np.stack(parts, axis=1) for parts in zip(*solved, strict=True))
     spread = 1.0 + k**2 * values[rows, j]
     z, deviation = k**2 * y[rows, j, :, c] / spread, SCALES[a][..., None] / np.sqrt(spread)
     even = np.full(chosen.shape, 1.0 / _TERMS)

@@ -118,16 +118,7 @@ class Observations:
 
     def of_sets(self, sets: slice) -> Self:
         """Keep some of the `n` sets."""
-        return type(self)(
-            self.brightness[sets],
-            None if self.reference is None else self.reference[sets],
-            None if self.exposures is None else self.exposures[sets],
-            self.clipped[sets],
-            self.weights[sets],
-            self.reference_error[sets],
-            self.absolute,
-            self.colour[sets],
-        )
+        return self._picked(sets, slice(None))
 
     def take(self, patches: Sequence[int] | NDArray[np.intp]) -> Self:
         """Keep some patches, by index from 0."""
@@ -135,17 +126,14 @@ class Observations:
         whole = chosen.ndim == 1 and chosen.dtype.kind in "iu" and chosen.size > 0
         if not (whole and chosen.min() >= 0 and chosen.max() < p):
             raise InputError(f"patches={patches!r} are out of range; use one or more whole numbers from 0 to {p - 1}")
-        reference = None if self.reference is None else self.reference[:, chosen]
-        return type(self)(
-            self.brightness[..., chosen],
-            reference,
-            self.exposures,
-            self.clipped[..., chosen],
-            self.weights[..., chosen],
-            self.reference_error[:, chosen],
-            self.absolute,
-            self.colour[:, chosen],
-        )
+        return self._picked(slice(None), chosen)
+
+    def _picked(self, sets: slice, patches: slice | NDArray[np.intp]) -> Self:
+        names = ("brightness", "reference", "clipped", "weights", "reference_error", "colour")
+        parts: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        kept = {name: part[sets][..., patches] for name, part in parts.items()}
+        exposures = None if self.exposures is None else self.exposures[sets]
+        return type(self)(**kept, exposures=exposures, absolute=self.absolute)
 
     def _check_information(self) -> None:
         """Refuse sets that tell nothing, naming the first of them."""

@@ -70,7 +70,7 @@ class AlignedLoss:
         return (w * residual**2).sum(axis=(2, 3)), gradient, hessian
 
     def objective(self, model: ResponseModel) -> Objective:
-        """Return the squared loss of parameters (m, k) for sets of observations (m,), for `levenberg_marquardt`."""
+        """Return the squared loss, for `levenberg_marquardt`."""
 
         def squared(z: Array, sets: np.ndarray) -> tuple[Array, Array, Array]:
             mse, gradient, hessian = self.evaluate(model, z, sets)
@@ -96,11 +96,7 @@ def descend(
     """Search as the paper does: Adam from N(0, 1) starts, the best end kept; return unconstrained parameters (n, k).
 
     All starts of all observations run side by side. A start is done when its loss moves by less than 1e-6, in
-    squared units of the reference.
-
-    References
-    ----------
-    Kingma and Ba 2015, arXiv:1412.6980.
+    squared units of the reference. Kingma and Ba 2015, arXiv:1412.6980.
     """
     n = len(loss.brightness)
     drawn = np.random.default_rng(seed).normal(size=(n, starts, model.n_params))

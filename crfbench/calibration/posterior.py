@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from crfbench.calibration.observations import Observations
@@ -13,15 +14,13 @@ from crfbench.curves import GRID, Array, evaluate
 from crfbench.models import ResponseModel
 from crfbench.numerics import Objective
 
-#: Irradiance below which the logarithm is held.
-DARKEST = 1e-4
+DARKEST = 1e-4  # irradiance below which the logarithm is held
 
 _GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical response
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _LEAST = 1e-6  # standard deviation; sums over known and unknown lose no digits that count
 _SHARPEST = 1e8  # precision of one log irradiance, for the same reason
 
-#: Which of the sets of observations arrays belong to.
 Sets = np.ndarray | slice
 
 
@@ -73,35 +72,14 @@ class Likelihood:
         self._prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
         if observations.absolute:
             self._prior += np.full((e, e), 1.0 / e) / sigma**2
-        self._inverse = np.linalg.inv(self._exposure_precision() + self._prior)
-        self.freedom = self._degrees(observations)
-        self.clip = self._clip(observations)
-
-    def _exposure_precision(self) -> Array:
-        """Return the precision of the exposures that the data give, (n, e, e)."""
         weighted = self.precision * self._share[:, None]
-        own = np.eye(weighted.shape[1]) * self.precision.sum(axis=2)[:, None]
-        return np.asarray(own - weighted @ np.swapaxes(self.precision, 1, 2))
+        own = np.eye(e) * self.precision.sum(axis=2)[:, None] - weighted @ np.swapaxes(self.precision, 1, 2)
+        self._inverse = np.linalg.inv(own + self._prior)
+        self.freedom = np.maximum(degrees(observations), 1.0)
 
-    def _degrees(self, observations: Observations) -> Array:
-        """Count the observations beyond those that the eliminated unknowns take up; at least 1."""
-        counts = observations.counts
-        n = (counts * observations.weights).sum(axis=(1, 2))
-        scales = counts.any(axis=2).sum(axis=1) if observations.exposures is None else 1 - observations.absolute
-        patches = counts.any(axis=1).sum(axis=1) - 1 if observations.reference is None else 0
-        return np.maximum(n - scales - patches, 1.0)
-
-    def _clip(self, observations: Observations) -> Array:
-        """Return 1 / sigma of clipped patches that others give a scale to, negative for black ones, else 0."""
-        counts = observations.counts
-        told = observations.clipped & (observations.weights > 0)
-        # A photograph of unknown exposure that is all clipped says nothing, nor does a patch of unknown irradiance.
-        if observations.exposures is None:
-            told = told & counts.any(axis=2, keepdims=True)
-        if observations.reference is None:
-            told = told & counts.any(axis=1, keepdims=True)
-        sigma = np.sqrt(self.variance + np.broadcast_to(self.error, self._share.shape)[:, None] ** 2)
-        return np.where(told, np.where(observations.brightness > 0.5, 1.0, -1.0) / sigma, 0.0)
+        sigmas = np.sqrt(self.variance + np.broadcast_to(self.error, self._share.shape)[:, None] ** 2)
+        side = np.where(observations.brightness > 0.5, 1.0, -1.0)
+        self.clip = np.where(told_by_clipping(observations), side / sigmas, 0.0)
 
     def residual(self, g: Array, sets: Sets) -> Array:
         """Return log g minus the log irradiance that reference and exposure tell, for g of shape (m, e, p, k)."""
@@ -144,6 +122,26 @@ class Likelihood:
         clip = self.clip[sets]
         i, e, p = np.nonzero(clip)
         return i, (exposures[i, e] - d[i, e, p]) * clip[i, e, p][:, None]
+
+
+def degrees(observations: Observations) -> Array:
+    """Count the observations of each set beyond those that the eliminated unknowns take up."""
+    counts = observations.counts
+    n = (counts * observations.weights).sum(axis=(1, 2))
+    scales = counts.any(axis=2).sum(axis=1) if observations.exposures is None else 1 - observations.absolute
+    patches = counts.any(axis=1).sum(axis=1) - 1 if observations.reference is None else 0
+    return np.asarray(n - scales - patches)
+
+
+def told_by_clipping(observations: Observations) -> NDArray[np.bool_]:
+    """Say which clipped patches tell something, (n, e, p).
+
+    A photograph of unknown exposure that is all clipped does not, nor does a patch of unknown irradiance.
+    """
+    counts, told = observations.counts, observations.clipped & (observations.weights > 0)
+    if observations.exposures is None:
+        told = told & counts.any(axis=2, keepdims=True)
+    return told if observations.reference is not None else told & counts.any(axis=1, keepdims=True)
 
 
 def log_offset(observations: Observations) -> Array:
@@ -310,9 +308,8 @@ def drawn_samples(posterior: Posterior, model: ResponseModel, best: Array, seed:
     normal = np.random.default_rng(seed).normal(size=(n, _DRAWS, k))
     z = best[:, None] + normal @ np.swapaxes(root, 1, 2)
     # Irradiance lies in [0, 1]; a draw of an unbounded model that leaves it must not rule the mean.
-    curves = np.clip(model.decode(model.from_unconstrained(z.reshape(-1, k)), np.float32), 0.0, 1.0).reshape(
-        n, _DRAWS, -1
-    )
+    decoded = model.decode(model.from_unconstrained(z.reshape(-1, k)), np.float32)
+    curves = np.clip(decoded, 0.0, 1.0).reshape(n, _DRAWS, -1)
     at = posterior.brightness.reshape(n, 1, -1)
     irradiance = np.swapaxes(evaluate(curves, at), 1, 2).reshape(*posterior.brightness.shape, _DRAWS)
     off = np.linalg.solve(np.linalg.cholesky(prior.covariance), (z - prior.mean).reshape(-1, k).T)

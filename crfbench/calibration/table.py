@@ -86,16 +86,9 @@ def learned_prior(model: ResponseModel) -> Prior:
 
 
 def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -> Table:
-    """Decode a table of the model's curves; for many calibrations, decode it once.
+    """Decode a table of the curves of a model with a prior; for many calibrations, decode it once.
 
-    Parameters
-    ----------
-    model : ResponseModel
-        With a prior.
-    rows : int, optional
-        Default 512 for one parameter, 1024 draws for more.
-    seed : int
-        Of the draws.
+    It has so many `rows`, by default 512 for one parameter, 1024 draws by `seed` for more.
     """
     prior = learned_prior(model)
     if rows is not None:

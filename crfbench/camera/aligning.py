@@ -38,20 +38,8 @@ def find_shifts(pictures: Sequence[NDArray[np.uint8]], stops: Array, shape: tupl
     """Say by how many whole columns and rows to shift each photograph to where they all show the same.
 
     Each is compared with that of the next exposure, by phase correlation (Kuglin and Hines 1975). Where two do not
-    correlate, they count as aligned.
-
-    Parameters
-    ----------
-    pictures : sequence of ndarray
-        From `equalised`.
-    stops : ndarray, shape (e,)
-        Exposures; the photograph of the middle one stays where it is.
-    shape : tuple
-        Of the photographs.
-
-    Returns
-    -------
-    ndarray, shape (e, 2)
+    correlate, they count as aligned. Takes the `pictures` from `equalised`, exposures (e,), of which the photograph of
+    the middle one stays where it is, and the shape of the photographs; returns shape (e, 2).
     """
     order = np.argsort(stops, kind="stable")
     scale = max(shape[:2]) / max(pictures[0].shape)

@@ -40,7 +40,7 @@ class Format(NamedTuple):
     """
 
     suffix: str  # the end of its files' names, in small letters
-    sign: re.Pattern[bytes]  # what the beginning of a file shows, whatever its name
+    sign: bytes  # a pattern of what the beginning of a file shows, whatever its name
     read: Callable[[bytes], Passport]  # raises `InputError` or `FormatError` for bytes of another kind
     write: Callable[[Passport], bytes] | None = None
     channels: tuple[int, ...] = ()  # how many curves it can hold; none: it is only read
@@ -354,41 +354,26 @@ _OPENCV = _shaped(rb"256, 1, [13]") + rb"|opencv[-_](?:matrix|storage)|"
 _ANY = (1, 3)
 #: Every format by its name. Rows of text that begin below 0 hold logarithms, which are Debevec's.
 FORMATS: dict[str, Format] = {
-    "passport": Format(
-        ".json", re.compile(rb'\A\s*\{.*"%s"' % _KIND.encode(), re.DOTALL), _read_json, _write_json, _ANY
-    ),
+    "passport": Format(".json", rb'(?s)\A\s*\{.*"%s"' % _KIND.encode(), _read_json, _write_json, _ANY),
     "csv": Format(
-        ".csv",
-        re.compile(rb'(?i)\A(?:\xef\xbb\xbf)?[\s"]*(?:brightness|irradiance)[\s"]*,'),
-        _read_csv,
-        _write_csv,
-        _ANY,
+        ".csv", rb'(?i)\A(?:\xef\xbb\xbf)?[\s"]*(?:brightness|irradiance)[\s"]*,', _read_csv, _write_csv, _ANY
     ),
-    "npy": Format(".npy", re.compile(_shaped(rb"(?:[13], )?1024,?")), _read_npy, _write_npy, _ANY),
-    "opencv": Format(
-        ".opencv.npy", re.compile(_OPENCV + rb"\A(?!\s*-)" + 2 * _THREE), _read_opencv, _write_opencv, _ANY
-    ),
-    "dorf": Format(".dorf.txt", re.compile(rb"(?m)^[ \t]*I[ \t]*=[ \t\r]*$"), _read_dorf, _write_dorf, _ANY),
-    "cube": Format(".cube", re.compile(rb"(?im)^[ \t]*LUT_[13]D_SIZE\b"), read_cube, write_cube, _ANY),
-    "hugin": Format(".pto", re.compile(rb"(?m)^i (?:[^\n]* )?Ra"), _read_hugin, _write_hugin, (1,)),
-    "pcalib": Format(
-        "pcalib.txt", re.compile(rb"\A\s*(?:%s[ \t]+){255}%s" % (_VALUE, _VALUE)), _read_pcalib, _write_pcalib, (1,)
-    ),
-    "debevec": Format(".g.npy", re.compile(_shaped(rb"256,(?: [13])?") + rb"|\A(?=\s*-)" + 2 * _THREE), _read_debevec),
-    "pfstools": Format(
-        ".m", re.compile(rb"(?m)^# (?:Camera response curve|data layout: log10\(response\))"), _read_pfstools
-    ),
+    "npy": Format(".npy", _shaped(rb"(?:[13], )?1024,?"), _read_npy, _write_npy, _ANY),
+    "opencv": Format(".opencv.npy", _OPENCV + rb"\A(?!\s*-)" + 2 * _THREE, _read_opencv, _write_opencv, _ANY),
+    "dorf": Format(".dorf.txt", rb"(?m)^[ \t]*I[ \t]*=[ \t\r]*$", _read_dorf, _write_dorf, _ANY),
+    "cube": Format(".cube", rb"(?im)^[ \t]*LUT_[13]D_SIZE\b", read_cube, write_cube, _ANY),
+    "hugin": Format(".pto", rb"(?m)^i (?:[^\n]* )?Ra", _read_hugin, _write_hugin, (1,)),
+    "pcalib": Format("pcalib.txt", rb"\A\s*(?:%s[ \t]+){255}%s" % (_VALUE, _VALUE), _read_pcalib, _write_pcalib, (1,)),
+    "debevec": Format(".g.npy", _shaped(rb"256,(?: [13])?") + rb"|\A(?=\s*-)" + 2 * _THREE, _read_debevec),
+    "pfstools": Format(".m", rb"(?m)^# (?:Camera response curve|data layout: log10\(response\))", _read_pfstools),
     "radiance": Format(
-        ".rsp",
-        re.compile(rb"\A(?:[ \t]*[1-9]\d?(?:[ \t]+%s){2,}[ \t]*(?:\r?\n|\Z)){1,3}\s*\Z" % _VALUE),
-        _read_radiance,
+        ".rsp", rb"\A(?:[ \t]*[1-9]\d?(?:[ \t]+%s){2,}[ \t]*(?:\r?\n|\Z)){1,3}\s*\Z" % _VALUE, _read_radiance
     ),
-    "respfcns": Format("respfcns.txt", re.compile(rb"\A" + _FOUR + 2 * _THREE), _read_respfcns),
-    "spi1d": Format(".spi1d", re.compile(rb"(?i)\A\s*Version\s+\d+\s+(?:From|Length|Components)\b"), read_spi1d),
-    "csp": Format(".csp", re.compile(rb"\A(?:\xef\xbb\xbf)?\s*CSPLUTV100\b"), read_csp),
+    "respfcns": Format("respfcns.txt", rb"\A" + _FOUR + 2 * _THREE, _read_respfcns),
+    "spi1d": Format(".spi1d", rb"(?i)\A\s*Version\s+\d+\s+(?:From|Length|Components)\b", read_spi1d),
+    "csp": Format(".csp", rb"\A(?:\xef\xbb\xbf)?\s*CSPLUTV100\b", read_csp),
 }
 
-# A passport of 3 curves with its band takes 0.2 MB, a project file of Hugin little more.
 _MOST_BYTES = 32 * 2**20
 _HEAD_BYTES = 2**16
 
@@ -444,7 +429,7 @@ def read_response(path: str | Path, format: str | None = None) -> Passport:
     if Path(path).stat().st_size > _MOST_BYTES:
         raise FormatError(f"{path} has more than {_MOST_BYTES} bytes; a response has fewer")
     data = Path(path).read_bytes()
-    fitting = [name for name, each in FORMATS.items() if each.sign.search(data[:_HEAD_BYTES])]
+    fitting = [name for name, each in FORMATS.items() if re.search(each.sign, data[:_HEAD_BYTES])]
     name = format or _by_ending(path, fitting) or next(iter(fitting), None) or _by_ending(path, FORMATS)
     if name is None:
         raise FormatError(f"{path} is no response in a format that is known; use one of {', '.join(FORMATS)}")

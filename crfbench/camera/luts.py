@@ -11,8 +11,7 @@ from crfbench.checks import parse_numbers
 from crfbench.curves import GRID, N_SAMPLES, Array, Direction, repair
 from crfbench.errors import FormatError
 
-#: Ends of axes and ranges are compared to this.
-END_TOLERANCE = 1e-6
+END_TOLERANCE = 1e-6  # ends of axes and ranges are compared to it
 # Debevec's method leaves small falls where few pixels were seen, and log tables a small rest at black.
 _MOST_REPAIR = 0.01
 

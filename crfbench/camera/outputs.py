@@ -46,7 +46,11 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
     """
     folder = Path(folder)
     held = len(result.passport.curves)
-    paths = {name: folder / _file_name(name) for name, each in FORMATS.items() if held in each.channels}
+    paths = {}
+    for name, each in FORMATS.items():
+        if held in each.channels:
+            stem = "passport" if name == "passport" else "response"
+            paths[name] = folder / (stem + each.suffix if each.suffix.startswith(".") else each.suffix)
     for path in (*paths.values(), folder / _REPORT, *([folder / _MERGED] if result.merged else [])):
         check_new(path, overwrite)
     page = report_page(result)
@@ -141,21 +145,17 @@ def report_page(result: CameraCalibration) -> str:
     calibration = result.calibration
     with mpl.rc_context({"svg.hashsalt": "crfbench"}):  # else the names inside a picture would differ every time
         curves = {
-            name: (
-                _picture(6.0, 4.5, partial(plot_calibration, calibration, i)),
-                _picture(6.0, 3.0, partial(plot_residuals, calibration, i)),
-            )
+            name: [
+                _picture(6.0, height, partial(plot, calibration, i))
+                for plot, height in ((plot_calibration, 4.5), (plot_residuals, 3.0))
+            ]
             for i, name in enumerate(result.passport.channels)
         }
     # Names of files and cameras come from strangers: the template escapes them.
     source = files("crfbench.camera").joinpath("report.html.jinja").read_text(encoding="utf-8")
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(source)
-    return template.render(
-        result=result,
-        facts=_facts(result),
-        curves=curves,
-        chart=_chart(result) if result.measured else None,
-    )
+    chart = _chart(result) if result.measured else None
+    return template.render(result=result, facts=_facts(result), curves=curves, chart=chart)
 
 
 def _facts(result: CameraCalibration) -> dict[str, str]:
@@ -207,8 +207,3 @@ def _picture(width: float, height: float, draw: Callable[["Axes"], object], kind
     figure.savefig(content, format=kind, bbox_inches="tight", dpi=110, metadata=metadata)
     media = "image/svg+xml" if kind == "svg" else f"image/{kind}"
     return f"data:{media};base64,{base64.b64encode(content.getvalue()).decode()}"
-
-
-def _file_name(name: str) -> str:
-    suffix = FORMATS[name].suffix
-    return f"{'passport' if name == 'passport' else 'response'}{suffix}" if suffix.startswith(".") else suffix

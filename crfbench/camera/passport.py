@@ -14,7 +14,6 @@ from crfbench.checks import as_finite, check_choice, check_count, check_number
 from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, evaluate, invert
 from crfbench.errors import InputError
 
-#: The channels of a passport, by how many curves it has.
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -68,31 +67,36 @@ class Passport:
     Passport('Coolcam 3', inverse, intensity)
     """
 
-    direction: Direction
+    direction: Direction  # of curves and band
+    # shape (1024,), (1, 1024) for intensity, or (3, 1024) for red, green and blue; monotone, from (0, 0) to (1, 1)
     curves: Array
-    low: Array | None = None
+    low: Array | None = None  # of the same shape; with `high` a pointwise band about the curves
     high: Array | None = None
-    level: float | None = None
+    level: float | None = None  # the probability that the band stands for, such as 0.9; given with it
     camera: str = ""
-    iso: int | None = None
-    model: str = ""
-    params: Array | None = None
-    data_sha256: str = ""
-    valid_range: tuple[float, float] = (0.0, 1.0)
-    created: str = ""
-    version: str = field(default_factory=lambda: version("crfbench"))
-    white_level: int | None = None
-    note: str = ""
-    matrix: Array | None = None
-    soft: float | None = None
-    told: bool | None = None
+    iso: int | None = None  # sensitivity setting that the curves hold for
+    model: str = ""  # name of the model that the curves were decoded from, such as "SLR-ldl-3"
+    params: Array | None = None  # shape (c, k); its parameters, a row a curve
+    data_sha256: str = ""  # of the data it was calibrated from, 64 small hexadecimal digits
+    valid_range: tuple[float, float] = (0.0, 1.0)  # brightness that the data constrained; beyond, curves extrapolate
+    created: str = ""  # ISO date, such as "2026-01-31"; the caller says it, no clock is read
+    version: str = field(default_factory=lambda: version("crfbench"))  # of the crfbench that made it
+    white_level: int | None = None  # brightness 1 in images of 16 bits, where it is not 65535
+    note: str = (
+        ""  # what was done to the curves of another program as they were read, such as the repair of small falls
+    )
+    matrix: Array | None = None  # shape (3, 3); mixes RAW to the light that three curves bend; given with the next two
+    soft: float | None = None  # how softly colours are drawn into the gamut, see `crfbench.calibration.colour`
+    told: bool | None = None  # whether the data told the matrix; else it is diagonal
 
     def __post_init__(self) -> None:
         check_direction(self.direction)
         for name in _TEXTS:
             if not isinstance(getattr(self, name), str):
                 raise InputError(f"{name}={getattr(self, name)!r} is not text; use a str")
-        curves = _checked_curves(self.curves)
+        curves = np.array(as_valid_curves(self.curves))  # a copy, so that no change of the caller's array reaches it
+        if len(curves) not in CHANNELS:
+            raise InputError(f"{len(curves)} curves are not a passport's; use 1 (intensity) or 3 (red, green, blue)")
         self._set(curves=curves, **_checked_band(self.low, self.high, self.level, curves.shape))
         self._set(params=_checked_params(self.params, len(curves)), valid_range=_checked_range(self.valid_range))
         if self.iso is not None:
@@ -131,13 +135,6 @@ class Passport:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
-
-
-def _checked_curves(curves: ArrayLike) -> Array:
-    batch = np.array(as_valid_curves(curves))  # a copy, so that no change of the caller's array reaches it
-    if len(batch) not in CHANNELS:
-        raise InputError(f"{len(batch)} curves are not a passport's; use 1 (intensity) or 3 (red, green, blue)")
-    return batch
 
 
 def _checked_band(low: Array | None, high: Array | None, level: object, shape: tuple[int, ...]) -> dict[str, Any]:

@@ -110,7 +110,7 @@ def pair_photographs(source: Source) -> tuple[list[Pair], list[Problem]]:
         if path.suffix.lower() in IMAGE_SUFFIXES | RAW_SUFFIXES:
             groups[_key(path)].append(path)
         else:
-            problems.append(Problem(path, f"{path.name} is neither RAW nor {IMAGES} by its extension"))
+            problems.append(_unknown_kind(path))
     if any(_is_raw(path) for group in groups.values() for path in group):
         found = [_pair(paths) for group in groups.values() for paths in _by_folder(group)]
     else:
@@ -192,24 +192,16 @@ def _pair(paths: list[Path]) -> Pair | list[Problem]:
 def plan_photographs(
     source: Source, exposures: Exposures = None, paired: bool = True, white_level: int | None = None
 ) -> Plan:
-    """Put photographs in order and find their exposures, and the white level of those of 16 bits.
+    """Put photographs in order and find their exposures, and the white level of those of 16 bits, if none is given.
 
     An ISO speed or f-number that files do not tell is taken as constant, if all that tell it agree. Where no file tells
     a time but every name does (or that of its folder), as in ``a_1_60s.png``, ``b-1-60sec.png``, ``4ms/a.png``
     and ``a 0.5s.tif``, the names count. Of several camera models the one with most photographs is kept.
 
-    Parameters
-    ----------
-    source
-        As in `pair_photographs`.
-    exposures : sequence, text or path, optional
-        Times above 0, one a photograph in their order: numbers or fractions such as "1/60", or one text of them with
-        commas. "names": those in the names, ``1_60.jpg`` among them. Or a file of times, or of lines with a name and,
-        last, its time (1/time if it is called ``list.txt``, as OpenCV's); ``#`` begins a comment. By default EXIF's.
-    paired : bool
-        Whether RAW files are paired with images; else images alone are taken.
-    white_level : int, optional
-        As in `crfbench.camera.read_image`; by default it is guessed (`find_white_level`).
+    `exposures` are times above 0, one a photograph in their order: numbers or fractions such as "1/60", or one text of
+    them with commas. "names": those in the names, ``1_60.jpg`` among them. Or a file of times, or of lines with a name
+    and, last, its time (1/time if it is called ``list.txt``, as OpenCV's); ``#`` begins a comment. By default EXIF's.
+    Unless `paired`, RAW files are passed over.
     """
     given = [source] if isinstance(source, str | Path) else list(source)
     files = list_photographs(given)
@@ -235,7 +227,10 @@ def plan_photographs(
         white_level, guess = find_white_level([pair.jpeg for pair in pairs])
         notes = notes + guess
     plan = Plan(pairs, exifs, times, stops, [], notes, white_level).without(problems)
-    return plan.without([*_other_cameras(plan), *(_passed_over(given, files) if len(pairs) < 2 else ())])
+    # With so few, what lies in folders beside the photographs may be what was meant.
+    inner = [file for path in map(Path, given) if path.is_dir() and len(pairs) < 2 for file in sorted(path.iterdir())]
+    passed = [path for path in inner if path not in files and path.name[0] != "."]
+    return plan.without([*_other_cameras(plan), *map(_unknown_kind, passed)])
 
 
 def exposure_steps(exifs: Sequence[Exif]) -> Array:
@@ -278,11 +273,8 @@ def _other_cameras(plan: Plan) -> list[Problem]:
     ]
 
 
-def _passed_over(given: Iterable[str | Path], files: list[Path]) -> list[Problem]:
-    """Name what lies in folders beside the photographs."""
-    inner = [file for path in map(Path, given) if path.is_dir() for file in sorted(path.iterdir())]
-    reason = f"is neither RAW nor {IMAGES} by its extension"
-    return [Problem(path, f"{path.name} {reason}") for path in inner if path not in files and path.name[0] != "."]
+def _unknown_kind(path: Path) -> Problem:
+    return Problem(path, f"{path.name} is neither RAW nor {IMAGES} by its extension")
 
 
 def _given_times(exposures: Exposures, pairs: Sequence[Pair]) -> tuple[Array | None, list[str]]:

@@ -95,25 +95,20 @@ def calibrate_series(
 ) -> Calibration:
     """Find the inverse response of the camera that took a series.
 
+    It is a curve for each channel, coupled, or without `per_channel` one for all. Exposures alone tell no scale: where
+    the data do not reach, that the curve ends in (1, 1) is the model's word.
+
     Parameters
     ----------
     images, exposures
         As in `sample_series`. Exposures that are None are estimated too: then a power of the curve explains the
         photographs as well, it is the one most usual in curves of the model, and the band holds the others.
-    model : ResponseModel, optional
-        Of direction "inverse", with prior and discrepancy; by default `crfbench.models.DEFAULT_MODEL`.
-    method : {"posterior", "map"}
-        As in `crfbench.calibrate`.
+    model, method
+        As in `crfbench.calibrate`, with "posterior" or "map"; by default `crfbench.models.DEFAULT_MODEL`.
     n, seed, per_channel
         As in `sample_series`.
     exposure_error : float
         Standard deviation of each exposure in stops. Times as a camera names them, 1/60 for 1/64, call for 0.05.
-
-    Returns
-    -------
-    Calibration
-        A curve for each channel, coupled, or without `per_channel` one for all. Exposures alone tell no scale: where
-        the data do not reach, that the curve ends in (1, 1) is the model's word.
     """
     images = _as_reduced(images)
     if exposures is None:
@@ -134,7 +129,9 @@ def calibrate_series(
     if floor.any():
         light = still & (observations.brightness > floor[:, None, None])
         found = _above_floor(fit(_weighted(observations, light), method), floor)
-    return _without_moved(found, observations, still)
+    share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
+    text = "{:.0%} of the blocks do not follow the exposures, as where something moves; they are left out"
+    return _told(found, [text.format(each) if each > _FEW else "" for each in share])
 
 
 def _moved(found: Calibration) -> NDArray[np.bool_]:
@@ -145,13 +142,6 @@ def _moved(found: Calibration) -> NDArray[np.bool_]:
     seen = np.ma.array(found.observations.brightness, mask=residuals.mask)
     far = (off > np.maximum(_OFF * np.maximum(1.0, _BRIGHT / seen), _FAR * usual)) & (seen > _ABOVE + seen.min())
     return np.asarray(far.filled(False).any(axis=1, keepdims=True))
-
-
-def _without_moved(found: Calibration, observations: Observations, still: NDArray[np.bool_]) -> Calibration:
-    """Tell how much was left out of each set, where that is more than a little."""
-    share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
-    text = "{:.0%} of the blocks do not follow the exposures, as where something moves; they are left out"
-    return _told(found, [text.format(each) if each > _FEW else "" for each in share])
 
 
 def _estimated(
@@ -251,28 +241,14 @@ def sample_series(
     A block is 5 x 5 pixels of one channel: its mean beats noise. It must be neither black nor saturated anywhere in two
     exposures or more. By their brightness, averaged over all exposures, the blocks are divided into 32 strata of equal
     width; from each stratum equally many are drawn at random, among the flattest quarter, where photographs that are
-    misaligned by a pixel still show the same.
+    misaligned by a pixel still show the same. Where a block is partly clipped, it counts for nothing in that exposure.
 
-    Parameters
-    ----------
-    images : sequence of array_like, each of shape (h, w) or (h, w, 3)
-        Of one static scene, 8 or 16 bits; or what `reduce_image` gives of them.
-    exposures : array_like, shape (e,)
-        In stops.
-    n : int
-        How many blocks, at most, for each set of observations; of more than 128 photographs fewer.
-    seed : int
-        Of the draw.
-    per_channel : bool
-        Whether each channel makes a set of its own, or all of them together one, as of a camera with one response for
-        all. Means over channels are not taken: a response is nonlinear, so the mean of its values is not its value at
-        the mean.
+    `images`, (h, w) or (h, w, 3), of 8 or 16 bits, show one static scene; or they are what `reduce_image` gives of
+    them. `exposures` (e,) are in stops. Of more than 128 photographs fewer than `n` blocks a set are chosen.
 
-    Returns
-    -------
-    Observations
-        One set, or with `per_channel` one for each channel, without a reference. Blocks that are partly clipped count
-        for nothing in that exposure.
+    With `per_channel` each channel makes a set of its own, else all of them together one, as of a camera with one
+    response for all. Means over channels are not taken: a response is nonlinear, so the mean of its values is not its
+    value at the mean.
     """
     every = [image.blocks for image in _as_reduced(images)]
     stops = as_stops(exposures, len(every))

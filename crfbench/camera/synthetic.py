@@ -59,7 +59,6 @@ def render_series(
     radiance = _radiance(rng, size, decades) * 2.0 ** -(exposures.min() + exposures.max())
     images = []
     for light in 2.0 ** exposures[:, None, None, None] * radiance:
-        # Photon noise grows with the light, read noise does not.
         noise = rng.standard_normal(light.shape) * np.sqrt(light / full_well + read_noise**2)
         levels = 255.0 * evaluate(curve, (light + noise).ravel())
         images.append(np.rint(levels).astype(np.uint8).reshape(light.shape))
@@ -72,7 +71,6 @@ def _radiance(rng: np.random.Generator, size: tuple[int, int], decades: float) -
 
     width, height = size
     pixels = np.stack(np.meshgrid(np.arange(width) / width, np.arange(height) / height), axis=-1)
-    # Each pixel belongs to the nearest of some random centres.
     region = KDTree(rng.uniform(size=(_REGIONS, 2))).query(pixels)[1]
     level = np.log(10.0) * decades * np.linspace(-1.0, 0.0, _REGIONS)[region]
     shading = cv2.resize(rng.uniform(-_SHADING, 0.0, (5, 7)), size, interpolation=cv2.INTER_CUBIC)

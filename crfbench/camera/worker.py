@@ -124,5 +124,4 @@ def _serve(pipe: Connection) -> None:
         pipe.send(answer)
 
 
-#: The worker of this process.
 WORKER = Worker()

@@ -15,12 +15,8 @@ def load_responses(which: str = "auto") -> Responses:
     Parameters
     ----------
     which : {"auto", "dorf", "opencrf"}
-        "auto": DoRF where it is present, else the core of OpenCRF, which is always there.
-
-    Raises
-    ------
-    MissingDataError
-        For "dorf" where it is absent.
+        "auto": DoRF where it is present, else the core of OpenCRF, which is always there. "dorf" is a
+        `MissingDataError` where it is absent.
     """
     loaders = {"dorf": load_dorf, "opencrf": load_opencrf}
     if check_choice("which", which, ("auto", *loaders)) != "auto":

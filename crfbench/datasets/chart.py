@@ -67,9 +67,8 @@ def as_corners(corners: ArrayLike) -> Array:
     """Return corners (4, 2), fractions of the image, as float64 if they run clockwise round a convex area in it."""
     points = as_numbers("corners", corners).copy()
     if points.shape != (4, 2) or not ((points >= 0) & (points <= 1)).all():
-        raise InputError(
-            f"corners={points.tolist()} are not four pairs of x and y from 0 to 1; use fractions of the size"
-        )
+        pairs = "four pairs of x and y from 0 to 1; use fractions of the size"
+        raise InputError(f"corners={points.tolist()} are not {pairs}")
     sides = np.roll(points, -1, axis=0) - points
     following = np.roll(sides, -1, axis=0)
     # Each corner turns right (y points down) exactly where this cross product is positive.
@@ -115,19 +114,18 @@ def _origins() -> Array:
 def load_labels(path: Path) -> dict[str, Array]:
     """Load the corners of every photograph that a person labelled, from JSON.
 
-    A file that is missing or holds anything else, or a photograph twice, is a `FormatError`.
-
     ``{"version": 1, "labels": [{"photograph": "IMG_1", "corners": [[x, y], [x, y], [x, y], [x, y]]}]}``: the name of
-    the file without its extension, and the corners clockwise from any corner on.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (4, 2)
+    the file without its extension, and the corners, shape (4, 2), clockwise from any corner on. A file that is missing
+    or holds anything else, or a photograph twice, is a `FormatError`.
     """
     path = Path(path)
     try:
         document = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_object)
-        return _object([_label(entry) for entry in _entries(document)])
+        if not isinstance(document, dict) or set(document) != {"version", "labels"}:
+            raise ValueError("its top level is not version and labels")
+        if document["version"] is not _LABELS_VERSION or not isinstance(document["labels"], list):
+            raise ValueError(f"version {document['version']!r}")
+        return _object([_label(entry) for entry in document["labels"]])
     except OSError as error:
         raise FormatError(f"{path.name} cannot be read ({error.strerror}); use a file that is there") from None
     except (ValueError, TypeError, RecursionError) as error:
@@ -156,14 +154,6 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(set(names)) < len(names):
         raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} occurs twice")
     return dict(pairs)
-
-
-def _entries(document: Any) -> list[Any]:
-    if not isinstance(document, dict) or set(document) != {"version", "labels"}:
-        raise ValueError("its top level is not version and labels")
-    if document["version"] is not _LABELS_VERSION or not isinstance(document["labels"], list):
-        raise ValueError(f"version {document['version']!r}")
-    return document["labels"]
 
 
 def _label(entry: Any) -> tuple[str, Array]:

@@ -23,14 +23,12 @@ from crfbench.errors import FormatError, InputError
 from crfbench.files import bundled
 
 MEMBER = "dorfCurves.txt"
-# 201 records of 2048 printed numbers make about 7 MB.
-MAX_TEXT_BYTES = 32 * 2**20
+MAX_TEXT_BYTES = 32 * 2**20  # 201 records of 2048 printed numbers make about 7 MB
 
 _MAT = "dorf/201_CRF_data.mat"
 _OFFICIAL = ("dorf/dorfCurves.zip", f"dorf/{MEMBER}")
 _CHANNEL = re.compile(r"(?<=.)[\s_-]*(Red|Green|Blue)$")
-# Far above the rounding of any of the files, far below the distance of two cameras.
-_COPY_RMSE = 1e-4
+_COPY_RMSE = 1e-4  # far above the rounding of any file, far below the distance of two cameras
 _GRID_TOLERANCE = 1e-6
 _FINGERPRINT_TOLERANCE = 1e-4
 # What zipfile raises on bytes that are not an archive, or on one that was cut or altered.
@@ -200,13 +198,8 @@ def known_fingerprint() -> dict[str, list[float]]:
 def load_emor_basis(direction: Direction = "inverse") -> tuple[Array, Array]:
     """Load the published EMoR basis from the data folders: ``invemor.txt`` or ``emor.txt``.
 
-    No file is a `MissingDataError`; one that is damaged is a `FormatError`.
-
-    Returns
-    -------
-    mean : ndarray, shape (1024,)
-    components : ndarray, shape (25, 1024)
-        Orthonormal to 1e-7, the largest eigenvalue first.
+    Returns the mean (1024,) and the components (25, 1024), orthonormal to 1e-7, the largest eigenvalue first. No file
+    is a `MissingDataError`; one that is damaged is a `FormatError`.
     """
     file, head, *_ = _EMOR[check_direction(direction)]
     path = require(file, "emor")

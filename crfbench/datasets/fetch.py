@@ -20,11 +20,9 @@ from crfbench.datasets.dorf import read_official
 from crfbench.datasets.registry import DataSet, RemoteFile, folders, known
 from crfbench.errors import CrfbenchError, FetchError, InputError
 
-# Seconds to wait for the connection, and for the next bytes.
-TIMEOUT = (30.0, 30.0)
+TIMEOUT = (30.0, 30.0)  # seconds, for the connection and for the next bytes
 
-# With more files than this one bar counts files; else each file has a bar that counts bytes.
-_FEW = 5
+_FEW = 5  # with more files one bar counts files; else each file has a bar that counts bytes
 
 
 def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = None, progress: bool = True) -> list[Path]:

@@ -34,8 +34,7 @@ REFERENCE_IRRADIANCE: Array = np.array(
     ]
 ).ravel()
 REFERENCE_IRRADIANCE.flags.writeable = False
-#: The white, a middle and the black grey: the patches (from 1) that the paper calibrates with.
-THREE_GREYS = (19, 21, 24)
+THREE_GREYS = (19, 21, 24)  # white, a middle grey and black: the patches (from 1) that the paper calibrates with
 #: The patches (from 1) in the order in which the stated subsets grow: the greys, then every other row by row.
 PATCH_ORDER = (19, 21, 24, 20, 22, 23, 2, 4, 7, 9, 14, 18, 1, 3, 5, 6, 8, 10, 11, 12, 13, 15, 16, 17)
 
@@ -44,34 +43,26 @@ _KINDS = ("jpeg", "raw")
 _MEANS = tuple(f"{kind}_{channel}" for kind in _KINDS for channel in "rgb")
 COLUMNS = (*KEYS, *_MEANS, *(f"{kind}_clipped" for kind in _KINDS))
 
-#: Shares of a patch box that are clipped, from which on the whole patch counts as clipped.
-CLIPPED_SHARE = 0.02
+CLIPPED_SHARE = 0.02  # of the pixels of a patch, from which on the whole patch counts as clipped
 
 _DTYPES = dict.fromkeys(COLUMNS, "float64") | {"camera": "str"} | dict.fromkeys(KEYS[1:], "int64")
 
 
 class PatchArrays(NamedTuple):
-    """The patch table as arrays: c cameras x 2 illuminations x 4 exposures x 24 patches."""
+    """The patch table as arrays: c cameras x 2 illuminations x 4 exposures, one stop apart, x 24 patches."""
 
     cameras: tuple[str, ...]
-    # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]; photographs of one illumination lie one stop apart
-    jpeg: Array
-    # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]; photographs of one illumination lie one stop apart
-    raw: Array
+    jpeg: Array  # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]
+    raw: Array  # the same
     clipped: np.ndarray  # shape (c, 2, 4, 24); where the JPEG patch is clipped
 
 
 def load_patches() -> "pd.DataFrame":
     """Load the bundled patch table: 14 cameras x 8 photographs x 24 patches = 2688 rows.
 
-    A damaged file is a `FormatError`.
-
-    Returns
-    -------
-    DataFrame
-        Sorted by camera, illumination (1, 2), exposure (1 to 4) and patch (1 to 24); ``{jpeg,raw}_{r,g,b}`` are the
-        means over the patch's box in [0, 1]; ``{jpeg,raw}_clipped`` is the share of its pixels with any channel at 0
-        (too dark to count) or at 254 or more (saturated), of 255. 6 digits.
+    Sorted by camera, illumination (1, 2), exposure (1 to 4) and patch (1 to 24); ``{jpeg,raw}_{r,g,b}`` are the means
+    over the patch's box in [0, 1]; ``{jpeg,raw}_clipped`` is the share of its pixels with any channel at 0 (too dark to
+    count) or at 254 or more (saturated), of 255. 6 digits. A damaged file is a `FormatError`.
     """
     import pandas as pd
 
@@ -91,9 +82,8 @@ def _check(frame: "pd.DataFrame", path: Path) -> None:
         raise FormatError(f"{path} has the columns {', '.join(map(str, frame.columns))}; use {', '.join(COLUMNS)}")
     sizes = frame.drop_duplicates(list(KEYS)).groupby(list(KEYS[:3])).size()
     if not (len(sizes) == N_PHOTOGRAPHS and (sizes == N_PATCHES).all() and len(frame) == sizes.sum()):
-        raise FormatError(
-            f"{path} has {len(frame)} rows; use {N_PATCHES} patches of each of {N_PHOTOGRAPHS} photographs"
-        )
+        use = f"use {N_PATCHES} patches of each of {N_PHOTOGRAPHS} photographs"
+        raise FormatError(f"{path} has {len(frame)} rows; {use}")
     values = frame[list(COLUMNS[len(KEYS) :])]
     if not ((values >= 0) & (values <= 1)).all(axis=None):
         raise FormatError(f"{path} holds values outside [0, 1]; use intensities and shares from 0 to 1")

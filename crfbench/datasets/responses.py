@@ -75,9 +75,8 @@ class Responses:
         try:
             rows = np.atleast_1d(np.arange(len(self))[np.asarray(which)]).tolist()
         except (IndexError, ValueError):
-            n = len(self)
-            message = f"which={which!r} is not a valid selection; use a mask of {n} or whole numbers below {n}"
-            raise InputError(message) from None
+            use = f"use a mask of {len(self)} or whole numbers below {len(self)}"
+            raise InputError(f"which={which!r} is not a valid selection; {use}") from None
         columns = {column.name: tuple(getattr(self, column.name)[row] for row in rows) for column in fields(self)[2:]}
         return Responses(self.dataset, self.curves[rows], **columns)
 
@@ -85,20 +84,10 @@ class Responses:
 def load_opencrf(tier: str = "core") -> Responses:
     """Load OpenCRF: curves of 49 film stocks and 40 transfer functions of cameras; no measured digital camera.
 
-    A bundled file that is missing or damaged is a `FormatError`.
-
-    `data/SOURCES.md` tells where the numbers come from, `scripts/build_opencrf.py` how they were made.
-
-    Parameters
-    ----------
-    tier : {"core", "hdr", "all"}
-        "core": films, and transfer functions no steeper than measured responses are. "hdr": logarithmic
-        curves that spend more than 40 % of the brightness on the darkest 1 % of the irradiance.
-
-    Returns
-    -------
-    Responses
-        151, 16 or 167 curves.
+    The tier "core" holds 151 curves of films, and transfer functions no steeper than measured responses are; "hdr" 16
+    logarithmic curves that spend more than 40 % of the brightness on the darkest 1 % of the irradiance; "all" both.
+    `data/SOURCES.md` tells where the numbers come from, `scripts/build_opencrf.py` how they were made. A bundled file
+    that is missing or damaged is a `FormatError`.
     """
     check_choice("tier", tier, TIERS)
     path = bundled("data/opencrf.npz")

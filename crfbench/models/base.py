@@ -81,6 +81,9 @@ class ResponseModel(ABC):
     """
 
     name: ClassVar[str]
+    #: The formula of a curve y over x, with ^{...} and _{...}, and what each parameter does; for widgets.
+    equation: str = ""
+    param_notes: tuple[str, ...] = ()
 
     def __init__(self, n_params: int, direction: Direction = "inverse") -> None:
         self.n_params = check_count("n_params", n_params)

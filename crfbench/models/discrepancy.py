@@ -15,19 +15,13 @@ from numpy.typing import NDArray
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
 
-#: Irradiance below which the logarithm is held.
-DARKEST = 1e-3
+DARKEST = 1e-3  # irradiance below which the logarithm is held
 
 
-def _knots(n: int = 64) -> Array:
-    """Return brightnesses, denser in the dark, where log irradiance bends most, and near white."""
-    b = np.linspace(1 / 255, 1.0, 20001)
-    share = np.cumsum(1 / (b + 0.03) + 0.35 / (1.01 - b) + 1.0)
-    return np.interp(np.linspace(share[0], share[-1], n), share, b)
-
-
-#: Brightnesses, from 1/255 to 1, at which log irradiance is kept.
-KNOTS: Array = _knots()
+_B = np.linspace(1 / 255, 1.0, 20001)
+_DENSITY = np.cumsum(1 / (_B + 0.03) + 0.35 / (1.01 - _B) + 1.0)
+#: Brightnesses, from 1/255 to 1, at which log irradiance is kept: denser in the dark, where it bends, and near white.
+KNOTS: Array = np.interp(np.linspace(_DENSITY[0], _DENSITY[-1], 64), _DENSITY, _B)
 LOG_KNOTS: Array = np.log(KNOTS)
 
 #: Scales of the discrepancy; at the least the family is nearly alone.

@@ -29,6 +29,7 @@ class EMoR(ClosedForm):
     """
 
     name = "EMoR"
+    equation = "y = f_{0}(x) + Σ_{i} c_{i} h_{i}(x)"
     learns = True
 
     def __init__(
@@ -36,6 +37,8 @@ class EMoR(ClosedForm):
     ) -> None:
         super().__init__(n_params, direction)
         self.param_names = tuple(f"component {i + 1}" for i in range(self.n_params))
+        part = "c_{%d}: how much of component h_{%d} is added to the mean curve f_{0}"
+        self.param_notes = tuple(part % (i + 1, i + 1) for i in range(self.n_params))
         basis = as_curves(components)
         if n_params > len(basis):
             raise InputError(f"n_params={n_params} is out of range for a basis of {len(basis)}; use 1 to {len(basis)}")
@@ -51,7 +54,9 @@ class EMoR(ClosedForm):
         mean = batch.mean(axis=0)
         # n centred curves span n - 1 dimensions; the last singular vector would be rounding.
         components = np.linalg.svd(batch - mean, full_matrices=False)[2][: len(batch) - 1]
-        return cls(mean, _signed(components), n_params, direction)
+        # PCA leaves the sign open: each component's largest sample is positive.
+        peak = np.take_along_axis(components, np.abs(components).argmax(axis=1)[:, None], axis=1)
+        return cls(mean, components * np.sign(peak), n_params, direction)
 
     def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
         """Turn coefficients (..., k) into curves (..., 1024)."""
@@ -67,9 +72,3 @@ class EMoR(ClosedForm):
         centred = as_scaled_curves(curves) - self.mean_
         # The published basis is printed in 7 digits: not quite orthonormal, so a plain product would be a little off.
         return np.asarray(np.linalg.lstsq(self.components_.T, centred.T, rcond=None)[0].T)
-
-
-def _signed(components: Array) -> Array:
-    """Fix the sign that PCA leaves open: each component's largest sample is positive."""
-    peak = np.take_along_axis(components, np.abs(components).argmax(axis=1)[:, None], axis=1)
-    return components * np.sign(peak)

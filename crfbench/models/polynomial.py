@@ -23,10 +23,12 @@ class Polynomial(ClosedForm):
     """
 
     name = "Polynomial"
+    equation = "y = Σ_{i} w_{i} x^{i}"
 
     def __init__(self, n_params: int = 3, direction: Direction = "inverse") -> None:
         super().__init__(n_params, direction)
         self.param_names = tuple(f"w{i + 1}, of x^{i + 1}" for i in range(self.n_params))
+        self.param_notes = tuple(f"w_{{{i + 1}}}: how much of x^{{{i + 1}}} is added" for i in range(self.n_params))
         self._powers = GRID ** np.arange(1, self.n_params + 1)[:, None]
 
     def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
@@ -40,5 +42,4 @@ class Polynomial(ClosedForm):
 
     def fit(self, curves: ArrayLike) -> Array:
         """Solve the linear least squares of all curves at once."""
-        # The model is linear in its coefficients, so the least MSE needs no search.
         return np.asarray(np.linalg.lstsq(self._powers.T, as_scaled_curves(curves).T, rcond=None)[0].T)

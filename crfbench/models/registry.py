@@ -37,8 +37,7 @@ MODELS: dict[type[ClosedForm], tuple[int, ...]] = {
     Kernel: (8,),
 }
 
-#: What cameras are calibrated with: of all priors measured, the nearest to cameras that it has not seen.
-DEFAULT_MODEL = "Kernel-8"
+DEFAULT_MODEL = "Kernel-8"  # of all priors measured, the nearest to cameras that it has not seen
 
 PRIORS = "data/dorf_priors.npz"
 DISCREPANCIES = "data/discrepancies.npz"
@@ -165,25 +164,14 @@ def pretrained_models(direction: Direction | None = None) -> list[ModelKey]:
 def load_model(name: str | ModelKey | Path) -> ResponseModel:
     """Load a bundled model with its prior, or a network of your own from a weights file.
 
+    Its `prior_` is learned from the DoRF curves. "EMoR-3" has their principal components as crfbench computes them;
+    "EMoR-published-3" has those that its authors publish (after ``crfbench fetch emor``, else a `MissingDataError`),
+    without a prior. A weights file that is not there is a `MissingDataError`, a damaged one a `FormatError`.
+
     Parameters
     ----------
     name : str, ModelKey or Path
         Such as "SLR-ldl-1", "EMoR-3-forward", or a path that ends in ``.safetensors``.
-
-    Returns
-    -------
-    ResponseModel
-        With `prior_`, learned from the DoRF curves. "EMoR-3" has their principal components as crfbench computes them;
-        "EMoR-published-3" has those that its authors publish (after ``crfbench fetch emor``), without a prior.
-
-    Raises
-    ------
-    InputError
-        For a name that is not bundled; the message lists those of its family.
-    MissingDataError
-        For the published EMoR where it was not fetched, or a weights file that is not there.
-    FormatError
-        When the file is damaged.
     """
     if isinstance(name, ModelKey):
         return name.load()

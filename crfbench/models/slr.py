@@ -67,11 +67,13 @@ class SLR(ResponseModel):
     ) -> None:
         super().__init__(n_latent, direction)
         self.param_names = ("latent z",) if n_latent == 1 else tuple(f"latent z{i + 1}" for i in range(n_latent))
-        self.hidden = _check_hidden(hidden)
+        self.hidden = tuple(check_count("hidden", width) for width in hidden) if np.iterable(hidden) else ()
+        if not 1 <= len(self.hidden) <= 3:
+            raise InputError(f"hidden={hidden!r} is not a valid architecture; use one to three layers of neurons")
         self.monotone = bool(monotone)
         self.weights_ = self._initial(np.random.default_rng(check_seed(seed)))
         self.metadata_: dict[str, Any] = {}
-        self._learn_prior_from_latents()
+        self.prior_ = Prior.from_samples(self.weights_["latents"].astype(np.float64))
 
     def __repr__(self) -> str:
         kind = ", monotone=True" if self.monotone else ""
@@ -87,7 +89,7 @@ class SLR(ResponseModel):
             raise InputError(f"weights have the wrong shapes {given} for {model!r}; use {expected}")
         model.weights_ = {name: np.asarray(array, dtype=np.float32) for name, array in weights.items()}
         model.metadata_ = dict(metadata)
-        model._learn_prior_from_latents()
+        model.prior_ = Prior.from_samples(model.weights_["latents"].astype(np.float64))
         return model
 
     @classmethod
@@ -199,10 +201,8 @@ class SLR(ResponseModel):
         return np.concatenate([np.zeros_like(inner[..., :1, :]), inner], axis=-2)
 
     def _initial(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        sizes = {
-            "encoder": (N_SAMPLES, *self.hidden, self.n_params),
-            "decoder": (self.n_params, *self.hidden[::-1], N_SAMPLES - self.monotone),
-        }
+        decoder = (self.n_params, *self.hidden[::-1], N_SAMPLES - self.monotone)
+        sizes = {"encoder": (N_SAMPLES, *self.hidden, self.n_params), "decoder": decoder}
         weights: dict[str, np.ndarray] = {"latents": rng.normal(size=(64, self.n_params)).astype(np.float32)}
         for half, widths in sizes.items():
             for i, (fan_in, fan_out) in enumerate(pairwise(widths)):
@@ -211,19 +211,9 @@ class SLR(ResponseModel):
                 weights[f"{half}.{i}.bias"] = rng.uniform(-limit, limit, fan_out).astype(np.float32)
         return weights
 
-    def _learn_prior_from_latents(self) -> None:
-        self.prior_ = Prior.from_samples(self.weights_["latents"].astype(np.float64))
-
 
 def _sigmoid(x: Array) -> Array:
     return 0.5 * (1.0 + np.tanh(0.5 * x))
-
-
-def _check_hidden(hidden: Sequence[int]) -> tuple[int, ...]:
-    widths = tuple(check_count("hidden", width) for width in hidden) if np.iterable(hidden) else ()
-    if not 1 <= len(widths) <= 3:
-        raise InputError(f"hidden={hidden!r} is not a valid architecture; use one to three layers of neurons")
-    return widths
 
 
 FORMAT = "crfbench-slr-1"
@@ -245,9 +235,8 @@ def read_weights(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any
             entries = file.metadata() or {}
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  not a dict
     except (SafetensorError, OSError, ValueError) as error:
-        raise FormatError(
-            f"{path.name} is damaged or not a safetensors file ({error}); use one that SLR.save wrote"
-        ) from None
+        reason = f"is damaged or not a safetensors file ({error})"
+        raise FormatError(f"{path.name} {reason}; use one that SLR.save wrote") from None
     return weights, _checked_metadata(path.name, entries, weights)
 
 

@@ -6,7 +6,6 @@ The chart-free table calibrates the same cameras from exposure steps alone, besi
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -93,8 +92,8 @@ def calibration_table(
     check_choice("method", method, [name for name in METHODS if name != "grid"])
     check_choice("channel", channel, CHANNELS)
     chart, subsets = patch_arrays(load_patches()), _subsets(patches, check_seed(seed))
-    how = _How(method, channel, discrepancy, seed)
-    found = [(name, method, *_calibrated(name, chart, subsets, how)) for name in map(str, rows)]
+    fit = partial(calibrate, method=method, discrepancy=discrepancy, seed=seed)
+    found = [(name, method, *_calibrated(name, chart, subsets, channel, fit)) for name in map(str, rows)]
     found += [(name, "floor", cameras, {}) for name, cameras in _floors(chart, channel)]
     recorded = load_recorded("calibration_paper")[0].astype({"patches": str})
     first, table = found[0][2], []
@@ -105,22 +104,13 @@ def calibration_table(
     return pd.DataFrame(table, columns=list(COLUMNS))
 
 
-class _How(NamedTuple):
-    """How a row of the table is calibrated."""
-
-    method: str
-    channel: str = "intensity"
-    discrepancy: bool = True
-    seed: int = 0
-
-
 def camera_rmse_table(
     patches: str = "3", method: str = "map", rows: Sequence[str | ModelKey] = ROWS, discrepancy: bool = True
 ) -> pd.DataFrame:
     """Return the RMSE of every camera (rows) with every model (columns), as `calibration_table` summarises it."""
     chart, subsets = patch_arrays(load_patches()), _subsets(patches, 0)
-    how = _How(method, discrepancy=discrepancy)
-    found = {name: _calibrated(name, chart, subsets, how)[0] for name in map(str, rows)}
+    fit = partial(calibrate, method=method, discrepancy=discrepancy)
+    found = {name: _calibrated(name, chart, subsets, "intensity", fit)[0] for name in map(str, rows)}
     floor, cameras = next(_floors(chart, "intensity"))
     return pd.DataFrame({**found, floor: cameras}, index=pd.Index(chart.cameras, name="camera"))
 
@@ -179,17 +169,16 @@ def bootstrap_bounds(values: Array, seed: int = 0) -> dict[str, tuple[float, flo
     return {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
 
 
-def _calibrated(name: str, chart: PatchArrays, subsets: list[np.ndarray], how: _How) -> tuple[Array, dict[str, float]]:
+def _calibrated(
+    name: str, chart: PatchArrays, subsets: list[np.ndarray], channel: str, fit: Callable[..., Calibration]
+) -> tuple[Array, dict[str, float]]:
     """Return the RMSE of each camera and the further figures of one row of the table."""
     model = load_model(name)
-    observations, jpeg, raw = chart_observations(chart, how.channel)
-    results = [
-        calibrate(model, observations.take(subset), how.method, discrepancy=how.discrepancy, seed=how.seed)
-        for subset in subsets
-    ]
+    observations, jpeg, raw = chart_observations(chart, channel)
+    results = [fit(model, observations.take(subset)) for subset in subsets]
     cameras = np.mean([camera_rmse(result, jpeg, raw) for result in results], axis=0)
     further = {"seconds": sum(result.seconds for result in results)}
-    if how.channel == "intensity":
+    if channel == "intensity":
         every = np.arange(len(jpeg))
         each = np.mean([held_out_rmse(result.curves, chart, every) for result in results], axis=(0, 2))
         further |= dict(zip(("scaled", "separate", "separate_scaled"), each[1:], strict=True))
@@ -274,7 +263,6 @@ CHART_FREE_COLUMNS = (
     "model", "method", "mean", "median", "max", "below_debevec", "below_robertson", "below_both", "monotone", "failed",
     "seconds",
 )  # fmt: skip
-#: One stop from each photograph to the next.
 STEPS: Array = np.arange(len(EXPOSURES), dtype=float)
 
 _LEVELS = 256
@@ -310,13 +298,7 @@ def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.
     found += [(f"OpenCV {name}", "opencv", *timed) for name, timed in rivals.items()]
     theirs = {name: _camera_rmse(curves, chart) for name, (curves, _) in rivals.items()}
     rows = [
-        {
-            "model": name,
-            "method": how,
-            **_beside_opencv(_camera_rmse(curves, chart), theirs),
-            **_validity(curves),
-            "seconds": seconds,
-        }
+        {"model": name, "method": how, **_beside_opencv(curves, chart, theirs), "seconds": seconds}
         for name, how, curves, seconds in found
     ]
     return pd.DataFrame(rows, columns=list(CHART_FREE_COLUMNS))
@@ -374,7 +356,8 @@ def _scaled(decoded: Array, raw: Array) -> Array:
     return ((decoded * raw).sum(axis=1) / (decoded**2).sum(axis=1))[:, None] * decoded
 
 
-def _beside_opencv(cameras: Array, rivals: dict[str, Array]) -> dict[str, float]:
+def _beside_opencv(curves: Array, chart: PatchArrays, rivals: dict[str, Array]) -> dict[str, float]:
+    cameras, finite = _camera_rmse(curves, chart), np.isfinite(curves).all(axis=1)
     debevec, robertson = ((cameras <= rival) | np.isnan(rival) for rival in rivals.values())
     return {
         "mean": float(np.nanmean(cameras)),
@@ -383,9 +366,6 @@ def _beside_opencv(cameras: Array, rivals: dict[str, Array]) -> dict[str, float]
         "below_debevec": int(debevec.sum()),
         "below_robertson": int(robertson.sum()),
         "below_both": int((debevec & robertson).sum()),
+        "monotone": float(1.0 - nonmonotone(curves[finite]).mean()),
+        "failed": float(1.0 - finite.mean()),
     }
-
-
-def _validity(curves: Array) -> dict[str, float]:
-    finite = np.isfinite(curves).all(axis=1)
-    return {"monotone": float(1.0 - nonmonotone(curves[finite]).mean()), "failed": float(1.0 - finite.mean())}

@@ -199,7 +199,6 @@ def _architecture(results: PaperResults) -> str:
     return f"The search chooses {found.spread}. {found.why}"
 
 
-# What the claims say of themselves.
 _DOES_NOT_FOLLOW |= {
     "A standard deviation that cannot be": lambda results: claims.impossible_spread(results).why,
     "The variance under LDL lacks 1/N": lambda results: _beside(claims_data.variance(results)),

@@ -46,5 +46,4 @@ CALIBRATION: dict[str, tuple[float, ...]] = {
     "EMoR-3": (0.154, 0.105, 0.121, 0.474, 0.408, 138.1),
 }
 
-#: The difference in RMSE that the paper calls significant in calibration.
-SIGNIFICANT_RMSE = 0.005
+SIGNIFICANT_RMSE = 0.005  # in calibration

@@ -96,9 +96,8 @@ def load_recorded(name: str, folder: Path | None = None) -> tuple[pd.DataFrame, 
         content = json.loads(path.read_text(encoding="utf-8"))
         return pd.read_json(io.StringIO(json.dumps(content["rows"])), orient="records"), content["provenance"]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FormatError(
-            f"{path.name} is not a valid recorded table ({str(error)[:80]}); use one that crfbench wrote"
-        ) from None
+        reason = f"is not a valid recorded table ({str(error)[:80]})"
+        raise FormatError(f"{path.name} {reason}; use one that crfbench wrote") from None
 
 
 def latent_table() -> pd.DataFrame:
@@ -112,16 +111,10 @@ def latent_table() -> pd.DataFrame:
     for key in pretrained_models():
         model = load_model(key)
         assert isinstance(model, SLR)  # noqa: S101  all pretrained models are
-        rows.append(
-            {
-                "model": str(key),
-                "n_latent": key.n_params,
-                "direction": key.direction,
-                "constraint": model.metadata_["constraint"],
-                **latent_statistics(model.weights_["latents"].astype(float)),
-                **model.metadata_["figures"],
-            }
-        )
+        about = {"model": str(key), "n_latent": key.n_params, "direction": key.direction}
+        latents, figures = model.weights_["latents"].astype(float), model.metadata_["figures"]
+        about["constraint"] = model.metadata_["constraint"]
+        rows.append({**about, **latent_statistics(latents), **figures})
     return pd.DataFrame(rows, columns=list(LATENT_COLUMNS))
 
 

@@ -68,7 +68,8 @@ def stability_table(
     chart = patch_arrays(load_patches())
     check_choice("camera", camera, chart.cameras)
     check_count("triples", triples, least=0)
-    cases = [(camera, ("paper", "map", "posterior"), _stated(chart, [chart.cameras.index(camera)]))]
+    stated = _stated(chart, [chart.cameras.index(camera)])
+    cases: list[tuple[str, tuple[str, ...], Observations]] = [(camera, ("paper", "map", "posterior"), stated)]
     if triples:
         cases.append(("all", ("map", "posterior"), _stated(chart, list(range(len(chart.cameras))))))
     turns, drawn = _triples(chart, max(triples, 1), check_seed(seed))

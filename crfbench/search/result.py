@@ -113,7 +113,18 @@ def architecture(row: pd.Series) -> Hidden:
 def tabulate(outcomes: Iterable[Outcome]) -> pd.DataFrame:
     """Return the table of a search, without a choice: of each candidate its longest training, most accurate first."""
     longest = {outcome.hidden: outcome for outcome in sorted(outcomes, key=lambda outcome: outcome.epochs)}
-    rows = [_row(outcome) for outcome in longest.values()]
+    rows = [
+        {
+            **dict(zip(("h1", "h2", "h3"), (*outcome.hidden, 0, 0), strict=False)),
+            "mse": float(np.mean(outcome.mse)),
+            "mse_sd": float(np.std(outcome.mse)),
+            "rmse": float(np.mean(outcome.rmse)),
+            "complexity": complexity(outcome.hidden),
+            "seconds": outcome.seconds,
+            "epochs": outcome.epochs,
+        }
+        for outcome in longest.values()
+    ]
     table = pd.DataFrame(rows).sort_values(["epochs", "mse", "complexity"], ascending=[False, True, True])
     table["rank"] = np.arange(1, len(table) + 1)
     return table.assign(chosen=False).reset_index(drop=True)[list(COLUMNS)]
@@ -129,15 +140,3 @@ def pareto_front(table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows, of the longest training, that no other beats in both accuracy and complexity."""
     rows = table[table["epochs"] == table["epochs"].max()].sort_values(["complexity", "mse"])
     return rows[rows["mse"] < rows["mse"].cummin().shift(fill_value=np.inf)]
-
-
-def _row(outcome: Outcome) -> dict[str, float]:
-    return {
-        **dict(zip(("h1", "h2", "h3"), (*outcome.hidden, 0, 0), strict=False)),
-        "mse": float(np.mean(outcome.mse)),
-        "mse_sd": float(np.std(outcome.mse)),
-        "rmse": float(np.mean(outcome.rmse)),
-        "complexity": complexity(outcome.hidden),
-        "seconds": outcome.seconds,
-        "epochs": outcome.epochs,
-    }

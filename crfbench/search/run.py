@@ -57,7 +57,8 @@ def search_architectures(
     """Search the space for the `m` most accurate architectures and choose the least complex of them.
 
     This is the paper's naive architecture search (Algorithm 1). Accuracy is the paper's: the MSE of held-out curves
-    after encoder and decoder, in three-fold cross-validation of an SLR with one latent and LDL.
+    after encoder and decoder, in three-fold cross-validation of an SLR with one latent and LDL. A worker process that
+    cannot be started or ends by itself is a `WorkerError`; the journal keeps what was done.
 
     Parameters
     ----------
@@ -81,15 +82,6 @@ def search_architectures(
         Any executor of the kind of `concurrent.futures`; by default one process a core of this machine.
     progress : bool
         Whether to show a bar with the time left.
-
-    Returns
-    -------
-    SearchResult
-
-    Raises
-    ------
-    WorkerError
-        When a worker process cannot be started or ends by itself. The journal keeps what was done.
 
     Examples
     --------
@@ -123,10 +115,9 @@ def _explore(
     held = {outcome.trial: outcome for outcome in book.outcomes}
     done: dict[Trial, Outcome] = {}
     while True:
+        means = {trial: float(np.mean(outcome.mse)) for trial, outcome in done.items()}
         # A training that diverged is the worst; NaN would be in the way of sorting.
-        figures = {
-            trial: float(np.nan_to_num(np.mean(done[trial].mse), nan=math.inf, posinf=math.inf)) for trial in done
-        }
+        figures = {trial: math.inf if math.isnan(mean) else mean for trial, mean in means.items()}
         new = [trial for trial in find_next(figures) if trial not in done]
         if not new:
             return list(done.values())
@@ -154,9 +145,6 @@ def _train(trials: Sequence[Trial], base: Stack, workers: Executor, progress: bo
     finally:
         for future in futures:
             future.cancel()
-
-
-# ---- what is trained, and how
 
 
 def make_folds(responses: Responses, folds: str, seed: int) -> Labels:
@@ -194,16 +182,11 @@ def pack(trials: Sequence[Trial], base: Stack) -> list[Stack]:
         if sum(_weights(each.hidden) for each in alike[-1]) + _weights(trial.hidden) > _STACK_WEIGHTS and alike[-1]:
             alike.append([])
         alike[-1].append(trial)
-    stacks = [
+    stacks = []
+    for together in (trials for alike in packs.values() for trials in alike):
         # The first layers are the same, and so is the step size that depends on them.
-        replace(
-            base,
-            hidden=tuple(trial.hidden for trial in together),
-            config=search_config(together[0].hidden, together[0].epochs, base.config.seed),
-        )
-        for alike in packs.values()
-        for together in alike
-    ]
+        config = search_config(together[0].hidden, together[0].epochs, base.config.seed)
+        stacks.append(replace(base, hidden=tuple(trial.hidden for trial in together), config=config))
     return sorted(stacks, key=work, reverse=True)
 
 
@@ -215,9 +198,6 @@ def work(stack: Stack) -> float:
 def _weights(hidden: Hidden) -> int:
     """Count the weights of the thinned network, encoder and decoder."""
     return 2 * sum(before * after for before, after in pairwise((BLOCKS, *hidden, 1)))
-
-
-# ---- worker processes of this machine
 
 
 @contextmanager

@@ -69,7 +69,7 @@ class Outcome:
     hidden: Hidden
     epochs: int
     mse: tuple[float, ...]  # one a fold: the mean over its held-out curves
-    rmse: tuple[float, ...]  # one a fold: the mean over its held-out curves
+    rmse: tuple[float, ...]  # the same
     seconds: float  # the candidate's share of the time of those it was trained with
 
     @property

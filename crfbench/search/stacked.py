@@ -92,7 +92,9 @@ class StackedNetworks:
         curves = torch.as_tensor(self.stack.curves, dtype=torch.float32)
         activations = self._activations_of(block_means(curves, self.stack.blocks))
         self._forward(activations)
-        decoded = _unblock(activations[-1], N_SAMPLES // self.stack.blocks)
+        decoded, width = activations[-1], N_SAMPLES // self.stack.blocks
+        if width > 1:  # straight lines through block means at the middle of their blocks, held at the ends
+            decoded = functional.interpolate(decoded, scale_factor=width, mode="linear", align_corners=False)
         mse = (decoded - curves).square().mean(dim=-1).unflatten(0, (len(self.stack.hidden), -1)).numpy()
         folds = np.unique(self.stack.folds)
         return [[row[self.stack.folds == fold] for row, fold in zip(rows, folds, strict=True)] for rows in mse]
@@ -130,7 +132,10 @@ class StackedNetworks:
 
     def _backward(self) -> None:
         """Write the gradients of MSE + weight x KL; activations that are not needed any more are overwritten."""
-        self._output_gradient()
+        y, out = self._activations[-1], self._gradients[-1]
+        # d MSE / d raw output = 2 (y - x) y (1 - y) / blocks, times the curve's share.
+        torch.sub(y, self._target, out=out)
+        out.mul_(self._mass * (2.0 / self.stack.blocks)).mul_(y).mul_(y.neg_().add_(1.0))
         for i in range(len(self.weights), 0, -1):
             before, gradient = self._activations[i - 1], self._gradients[i]
             torch.bmm(before.mT, gradient, out=self.weights[i - 1].grad)
@@ -141,12 +146,6 @@ class StackedNetworks:
                 self._gradients[i - 1].add_(self._constraint_gradient(before), alpha=LDL.weights[0])
             elif i > 1:
                 self._gradients[i - 1].mul_(before.sign_())  # the slope of ReLU
-
-    def _output_gradient(self) -> None:
-        """d MSE / d raw output = 2 (y - x) y (1 - y) / blocks, times the curve's share."""
-        y, gradient = self._activations[-1], self._gradients[-1]
-        torch.sub(y, self._target, out=gradient)
-        gradient.mul_(self._mass * (2.0 / self.stack.blocks)).mul_(y).mul_(y.neg_().add_(1.0))
 
     def _constraint_gradient(self, latents: Tensor) -> Tensor:
         """Differentiate LDL's KL divergence by each latent: share x (mean + (1 - 1 / variance) (z - mean))."""
@@ -171,13 +170,6 @@ def _thinned(trainer: Trainer, blocks: int) -> Iterator[tuple[Tensor, Tensor]]:
 def block_means(curves: Tensor, blocks: int) -> Tensor:
     """Average (..., 1024) over blocks of neighbouring samples: (..., blocks)."""
     return curves.unflatten(-1, (blocks, -1)).mean(dim=-1)
-
-
-def _unblock(means: Tensor, width: int) -> Tensor:
-    """Draw straight lines through block means at the middle of their blocks, held at the ends."""
-    if width == 1:
-        return means
-    return functional.interpolate(means, scale_factor=width, mode="linear", align_corners=False)
 
 
 def _pad(matrices: Sequence[Tensor]) -> Tensor:

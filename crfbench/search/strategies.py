@@ -25,12 +25,7 @@ def grid(space: SearchSpace, epochs: int, done: Done) -> list[Trial]:
 
 
 def random(space: SearchSpace, epochs: int, done: Done, n: int = 40, seed: int = 0) -> list[Trial]:
-    """Return `n` different candidates drawn at random, or all if there are fewer.
-
-    References
-    ----------
-    Bergstra and Bengio 2012, JMLR 13, 281-305.
-    """
+    """Return `n` random candidates, all different, or all there are (Bergstra and Bengio 2012, JMLR 13, 281-305)."""
     check_count("n", n)
     candidates = list(space)
     rows = np.random.default_rng(check_seed(seed)).permutation(len(candidates))[:n]
@@ -40,18 +35,8 @@ def random(space: SearchSpace, epochs: int, done: Done, n: int = 40, seed: int =
 def halving(space: SearchSpace, epochs: int, done: Done, rounds: int = 3, factor: int = 3) -> list[Trial]:
     """Train all candidates with few epochs, the best share of them with more, and so on (successive halving).
 
-    Parameters
-    ----------
-    space : SearchSpace
-    epochs : int
-    done : mapping
-    rounds : int
-    factor : int
-        From one round to the next, so many times fewer candidates and more epochs.
-
-    References
-    ----------
-    Jamieson and Talwalkar 2016, "Non-stochastic best arm identification", arXiv:1502.07943.
+    From one round to the next, `factor` times fewer candidates and more epochs. Jamieson and Talwalkar 2016,
+    "Non-stochastic best arm identification", arXiv:1502.07943.
     """
     check_count("rounds", rounds)
     check_count("factor", factor, least=2)
@@ -92,9 +77,8 @@ def _ask(space: SearchSpace, done: Done, count: int, seed: int) -> list[Hidden]:
         params = dict(zip(widths, (*trial.hidden, 0, 0), strict=False))
         study.add_trial(optuna.trial.create_trial(params=params, distributions=widths, value=mse))
     asked = [study.ask(widths).params for _ in range(count)]
-    proposals = [
-        tuple(width for width in params.values() if width) for params in asked if params["h2"] or not params["h3"]
-    ]
+    possible = [params for params in asked if params["h2"] or not params["h3"]]
+    proposals = [tuple(width for width in params.values() if width) for params in possible]
     return [hidden for hidden in proposals if hidden in set(space)]
 
 

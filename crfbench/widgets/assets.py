@@ -1,12 +1,19 @@
-"""What all widgets share: front-end files joined into what one widget loads, and traits that check their values."""
+"""What all widgets share: joined front-end files, traits that check their values, what a stored notebook shows."""
 
+import base64
+import html
 import inspect
+import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
+import anywidget
 import traitlets
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _STATIC = Path(__file__).parent / "static"
 # The only forms that the modules use; a test holds them to it.
@@ -36,6 +43,37 @@ def bundle(entry: str) -> str:
 def join(*names: str) -> str:
     """Return the static files of those names as one text."""
     return "\n".join((_STATIC / name).read_text(encoding="utf-8") for name in names)
+
+
+class StoredWidget(anywidget.AnyWidget):
+    """A widget that leaves something to look at in a stored notebook, for viewers and HTML without a kernel."""
+
+    def _still(self) -> dict[str, str]:
+        """Return what is shown instead of the widget, by media type."""
+        raise NotImplementedError
+
+    def _repr_mimebundle_(self, **kwargs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return what is shown instead beside the widget."""
+        data, metadata = super()._repr_mimebundle_(**kwargs) or ({}, {})
+        return {**data, **self._still()}, metadata
+
+
+def picture(axes: "Axes") -> dict[str, str]:
+    """Return the figure of these Axes as a small PNG, and close it, so that the notebook does not show it as well."""
+    from matplotlib import pyplot as plt
+
+    figure, file = axes.figure.get_figure(root=True), io.BytesIO()
+    figure.savefig(file, format="png", dpi=72, bbox_inches="tight")
+    plt.close(figure)
+    return {"image/png": base64.b64encode(file.getvalue()).decode()}
+
+
+def table(caption: str, rows: Iterable[Iterable[str]]) -> dict[str, str]:
+    """Return texts as a table of HTML, whose first row is the heading."""
+    head, *body = ["".join(f"<td>{html.escape(text)}</td>" for text in row) for row in rows]
+    lines = [head.replace("td>", "th>"), *body]
+    text = "\n".join(f"<tr>{line}</tr>" for line in lines)
+    return {"text/html": f"<table>\n<caption>{html.escape(caption)}</caption>\n{text}\n</table>"}
 
 
 _T = TypeVar("_T")

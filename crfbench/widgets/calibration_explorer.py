@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 
@@ -15,9 +14,8 @@ from crfbench.datasets import middlebury
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 from crfbench.models import ModelKey, ResponseModel, load_model
-from crfbench.widgets.assets import SyncedTrait, bundle, join
+from crfbench.widgets.assets import StoredWidget, SyncedTrait, bundle, join, picture
 
-#: The names of the models that can be chosen.
 MODELS = (
     "SLR-ldl-1", "SLR-baseline-1", "SLR-monotone-1", "SLR-ldl-3", "SLR-monotone-3", "Polynomial-3", "GGCM-3",
     "EMoR-3", "Gamma-1", "PPISP-4", "Kernel-8",
@@ -37,7 +35,7 @@ _STRIDE = 3  # 1023 = 3 * 341, so that every third sample includes both ends
 _UNCONSTRAINED_NAMES = {"Gamma": "log gamma"}  # where the prior is not over the parameter itself
 
 
-class CalibrationExplorer(anywidget.AnyWidget):
+class CalibrationExplorer(StoredWidget):
     """A colour chart whose patches calibrate a camera, and the truth beside the curve that they give.
 
     The patches seen under one illumination give the inverse response; the RAW images under the *other* one judge it.
@@ -57,7 +55,6 @@ class CalibrationExplorer(anywidget.AnyWidget):
 
     _esm = bundle("calibration_explorer.js")
     _css = join("widgets.css", "calibration_explorer.css")
-    #: What can be chosen; set once.
     _options = traitlets.Dict().tag(sync=True)
     #: All that is drawn, in one trait, so that the page never sees half of a change. Its "choice" says what it is of:
     #: while that differs from the traits, an answer is on its way.
@@ -74,6 +71,15 @@ class CalibrationExplorer(anywidget.AnyWidget):
             method="posterior",
             patches=middlebury.THREE_GREYS,
         )
+
+    def _still(self) -> dict[str, str]:
+        from crfbench.plots import plot_calibration
+
+        axes = plot_calibration(self._result)
+        brightness, irradiance = self._held_out()
+        axes.scatter(brightness, irradiance, s=4, color="0.5", label="truth: RAW, the other illumination")
+        axes.legend(loc="upper left", fontsize="small")
+        return picture(axes)
 
     def __repr__(self) -> str:
         parts = f"{self.camera!r}, illumination={self.illumination}, {self.model!r}, {self.method!r}"

@@ -1,27 +1,28 @@
 """The chart labeller: say where the colour chart lies in each photograph, by its four corners."""
 
+import base64
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
 from crfbench.checks import check_count
 from crfbench.curves import Array
-from crfbench.datasets.chart import as_corners, load_labels, save_labels
+from crfbench.datasets.chart import as_corners, chart_boxes, load_labels, save_labels
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import check_new
-from crfbench.widgets.assets import SyncedTrait, bundle, join
+from crfbench.widgets.assets import StoredWidget, SyncedTrait, bundle, join
 
 _MOST_PIXELS = 1200  # along the longer side of the picture that the page gets
+_STILL_PIXELS = 320  # of the one in a stored notebook
 _JPEG_QUALITY = 90
 
 
-class ChartLabeller(anywidget.AnyWidget):
+class ChartLabeller(StoredWidget):
     """Drag the four corners of a chart of 6 x 4 patches in one photograph after the other.
 
     The patches are drawn in perspective and their means shown while you drag. The page gets one photograph at a time,
@@ -44,9 +45,7 @@ class ChartLabeller(anywidget.AnyWidget):
 
     _esm = bundle("chart_labeller.js")
     _css = join("widgets.css", "chart_labeller.css")
-    #: Of the photographs; set once.
     _names: traitlets.List[str] = traitlets.List().tag(sync=True)
-    #: The photograph that is shown, replaced as a whole.
     _picture = traitlets.Dict().tag(sync=True)
 
     def __init__(self, images: Mapping[str, NDArray[np.uint8] | str | Path]) -> None:
@@ -56,6 +55,16 @@ class ChartLabeller(anywidget.AnyWidget):
             _check_image(name, image)
         self._images = {str(name): image for name, image in images.items()}
         super().__init__(_names=list(self._images), labels={}, index=0)
+
+    def _still(self) -> dict[str, str]:
+        import cv2
+
+        name = self._names[self.index]
+        pixels = _pixels(name, self._images[name]).copy()
+        boxes = chart_boxes(self.labels[name]) if name in self.labels else np.empty((0, 4, 2))
+        outlines = np.round(boxes * pixels.shape[1::-1]).astype(np.int32)
+        cv2.polylines(pixels, [*outlines], isClosed=True, color=(255, 255, 255), thickness=pixels.shape[1] // 200 + 1)
+        return {"image/jpeg": base64.b64encode(_pack(pixels, _STILL_PIXELS)["jpeg"]).decode()}
 
     def __repr__(self) -> str:
         labelled = sum(name in self.labels for name in self._names)
@@ -127,12 +136,12 @@ def _pixels(name: str, image: NDArray[np.uint8] | str | Path) -> NDArray[np.uint
     return np.asarray(pixels, dtype=np.uint8)
 
 
-def _pack(pixels: NDArray[np.uint8]) -> dict[str, Any]:
+def _pack(pixels: NDArray[np.uint8], most: int = _MOST_PIXELS) -> dict[str, Any]:
     """Return the size of the photograph and a JPEG of it, scaled down where it is large."""
     import cv2
 
     height, width = pixels.shape[:2]
-    scale = min(1.0, _MOST_PIXELS / max(height, width))
+    scale = min(1.0, most / max(height, width))
     size = (max(1, round(scale * width)), max(1, round(scale * height)))
     small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else pixels
     jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]

@@ -46,7 +46,6 @@ class EpochPlayer(LivingWidget):
 
     _esm = bundle("epoch_player.js")
     _css = join("widgets.css", "latents.css")
-    #: All that the page draws; replaced as a whole.
     _columns: traitlets.List[dict[str, Any]] = traitlets.List().tag(sync=True)
     _moved_by_both = frozenset({"epoch"})
 

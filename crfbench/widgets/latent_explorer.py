@@ -66,7 +66,6 @@ class LatentExplorer(LivingWidget):
 
     _esm = bundle("latent_explorer.js")
     _css = join("widgets.css")
-    #: The models and the measured curves; set once.
     _choices = traitlets.Dict().tag(sync=True)
     _moved_by_both = frozenset({"model", "latent"})
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from copy import copy
 from typing import Any
 
-import anywidget
 import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
@@ -14,18 +13,19 @@ from crfbench.curves import Array, as_curves, axis_labels
 from crfbench.errors import InputError
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
 from crfbench.models import ModelKey, ResponseModel
-from crfbench.widgets.assets import SyncedTrait, bundle, join
+from crfbench.widgets.assets import StoredWidget, SyncedTrait, bundle, join, picture
 
 _REACH = 4.0  # standard deviations on either side of the mean
 _LEAST_SD = 1e-2  # of a parameter that is the same for all curves, so that its slider still moves something
 
 
-class ModelExplorer(anywidget.AnyWidget):
+class ModelExplorer(StoredWidget):
     """Curves beside models whose parameters are sliders; every value can be read and set from Python too.
 
-    A slider moves one unconstrained parameter over its mean and 4 standard deviations on either side, as fitted to
-    `curves`, and shows the parameter itself. Python decodes; the page only draws. `index`, `model`, `params` and
-    `show_valid` are traits, for ``observe`` and ``link``.
+    Below the plot stand the model's formula, and a photograph through the curve and through the model. A slider moves
+    one unconstrained parameter over its mean and 4 standard deviations on either side, as fitted to `curves`, and shows
+    the parameter itself. Python decodes; the page only draws. `index`, `model`, `params` and `show_valid` are traits,
+    for ``observe`` and ``link``; `best` is the least RMSE that was reached by hand, by model and curve.
 
     Parameters
     ----------
@@ -51,7 +51,6 @@ class ModelExplorer(anywidget.AnyWidget):
 
     _esm = bundle("model_explorer.js")
     _css = join("widgets.css")
-    #: What can be chosen and what the axes show; set once.
     _choices = traitlets.Dict().tag(sync=True)
     #: All that is drawn, in one trait, so that the page never sees half of a change, nor does a saved notebook.
     _scene = traitlets.Dict().tag(sync=True)
@@ -90,15 +89,33 @@ class ModelExplorer(anywidget.AnyWidget):
         self.models = _by_name(models)
         # The page's request that the next scene answers, and what it says besides.
         self._request, self._message = "", ""
+        self.best: dict[tuple[str, str], float] = {}
+        self._by_hand = False
         self._travels: dict[str, tuple[Array, Array]] = {}
         first = next(iter(self.models))
         x_label, y_label = axis_labels(models[0].direction)
-        choices = {"names": self._names, "models": list(self.models), "xLabel": x_label, "yLabel": y_label}
+        choices: dict[str, object] = {
+            "names": self._names,
+            "models": list(self.models),
+            "xLabel": x_label,
+            "yLabel": y_label,
+        }
+        choices |= {"inverse": models[0].direction == "inverse"}
         super().__init__(index=0, show_valid=False, model=first, params=self._mean(first), _choices=choices)
         self.on_msg(self._receive)
 
+    def _still(self) -> dict[str, str]:
+        from crfbench.plots import plot_comparison
+
+        direction = self.models[self.model].direction
+        return picture(plot_comparison(self._curves[self.index], {self.model: self.curve}, direction=direction))
+
     def __repr__(self) -> str:
         return f"ModelExplorer(curve={self._names[self.index]!r}, model={self.model!r})"
+
+    @property
+    def _shown(self) -> tuple[str, str]:
+        return self.model, self._names[self.index]
 
     @property
     def curve(self) -> Array:
@@ -111,6 +128,8 @@ class ModelExplorer(anywidget.AnyWidget):
         params = model.fit(target)[0]
         error = rmse(model.decode(params), target)
         self._message = f"Fitted {self.model} to {self._names[self.index]}: RMSE {error:.4g}"
+        if best := self.best.get(self._shown):
+            self._message += f"; your best by hand: {best:.4g}"
         self.params = params
         if self._message:  # the parameters were these already, so nothing has been drawn
             self._draw()
@@ -125,16 +144,21 @@ class ModelExplorer(anywidget.AnyWidget):
             self.reset()
         model, target, curve = self.models[self.model], self._curves[self.index], self.curve
         message, self._message = self._message, ""
+        judged = _judge(curve, target)
+        if self._by_hand:
+            self.best[self._shown] = min(judged["rmse"], self.best.get(self._shown, np.inf))
         self._scene = {
             "answered": self._request,
             "index": self.index,
             "model": self.model,
+            "equation": model.equation,
             "sliders": self._sliders(),
+            "best": self.best.get(self._shown),
             "message": message,
             "target": _samples(target),
             "decoded": _samples(curve),
             "valid": _samples(model.nearest_valid(np.array(self.params))) if self.show_valid else None,
-            **_judge(curve, target),
+            **judged,
         }
 
     def _receive(self, _widget: object, message: dict[str, Any], _buffers: object) -> None:
@@ -146,7 +170,9 @@ class ModelExplorer(anywidget.AnyWidget):
             case "reset":
                 self.reset()
             case "positions":
+                self._by_hand = True
                 self.params = self._at(self.model, message["value"])
+                self._by_hand = False
             case "index" | "model" | "show_valid" as name:
                 setattr(self, name, message["value"])
         if self._scene["answered"] != self._request:  # nothing has changed
@@ -180,8 +206,9 @@ class ModelExplorer(anywidget.AnyWidget):
         # `from_unconstrained` may stop before the full reach.
         ends = [self._positions(self._at(self.model, side * np.ones(model.n_params))) for side in (-_REACH, _REACH)]
         columns = [*np.round(ends, 9), self._positions(np.array(self.params)), np.array(self.params)]
-        rows = zip(model.param_names, *(column.tolist() for column in columns), strict=True)
-        return [dict(zip(("name", "min", "max", "position", "param"), row, strict=True)) for row in rows]
+        notes = model.param_notes or ("",) * model.n_params
+        rows = zip(model.param_names, notes, *(column.tolist() for column in columns), strict=True)
+        return [dict(zip(("name", "note", "min", "max", "position", "param"), row, strict=True)) for row in rows]
 
 
 def _check_names(names: Sequence[str], n: int) -> list[str]:
@@ -202,7 +229,7 @@ def _samples(curve: Array) -> bytes:
     return np.clip(curve, -1e3, 1e3).astype("<f4").tobytes()
 
 
-def _judge(curve: Array, target: Array) -> dict[str, float | bool]:
+def _judge(curve: Array, target: Array) -> dict[str, float]:
     steps = np.stack([curve[:-1], curve[1:]], axis=1)
     return {
         "rmse": float(rmse(curve, target)),

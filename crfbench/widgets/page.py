@@ -13,10 +13,10 @@ from typing import Any
 import anywidget
 import traitlets
 
-from crfbench.widgets.assets import bundle, join
+from crfbench.widgets.assets import StoredWidget, bundle, join
 
 
-class LivingWidget(anywidget.AnyWidget):
+class LivingWidget(StoredWidget):
     """A widget that the page moves by itself, with Python or without it, and that Python moves too."""
 
     #: How often Python has moved it.
@@ -54,10 +54,8 @@ class LivingWidget(anywidget.AnyWidget):
         """Return a page of the widget for notebooks made into HTML."""
         raise NotImplementedError
 
-    def _repr_mimebundle_(self, **kwargs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Add a page of its own, which is what HTML made from a saved notebook can still show."""
-        data, metadata = super()._repr_mimebundle_(**kwargs) or ({}, {})
-        return {**data, "text/html": frame(self._alone(), f"{self!r}: run this cell to see it.")}, metadata
+    def _still(self) -> dict[str, str]:
+        return {"text/html": frame(self._alone(), f"{self!r}: run this cell to see it.")}
 
 
 def page(widget: anywidget.AnyWidget, title: str, state: Mapping[str, object] | None = None) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 
-import anywidget
 import numpy as np
 import pandas as pd
 import traitlets
@@ -13,16 +12,18 @@ from crfbench.errors import InputError
 from crfbench.search.result import SearchResult, architecture, pareto_front
 from crfbench.search.space import Hidden
 from crfbench.widgets.assets import SyncedTrait, bundle, join
+from crfbench.widgets.page import LivingWidget, page
 
 _SENT = ("hidden", "mse", "bar", "rmse", "complexity", "front")  # to the page, of each candidate
 
 
-class SearchExplorer(anywidget.AnyWidget):
+class SearchExplorer(LivingWidget):
     """Accuracy against complexity of every candidate; dragging M moves the choice.
 
-    Pointing at a candidate, or choosing it from the list, names it and shows its figures. The page needs no Python for
-    any of this, so it works in an exported notebook too. `m` and `focus` are traits: read them, set them, `observe`
-    them, or `link` them to another widget.
+    Pointing at a candidate, or choosing it from the list, names it and shows its figures. Play and Step walk through
+    the lines of the paper's Algorithm 1, candidates in the order of the grid. The page needs no Python for any of this,
+    so it works in an exported notebook too. `m` and `focus` are traits: read them, set them, `observe` them, or `link`
+    them to another widget.
 
     Parameters
     ----------
@@ -58,6 +59,9 @@ class SearchExplorer(anywidget.AnyWidget):
         candidates = self._table.assign(hidden=self._names, bar=bars, front=front)[list(_SENT)].to_dict("records")
         super().__init__(_candidates=candidates, m=m, focus=self._names[0])
         self.focus = self.chosen  # known only once `m` is
+
+    def _alone(self) -> str:
+        return page(self, "Architecture search")
 
     def __repr__(self) -> str:
         return f"SearchExplorer({len(self._table)} candidates, m={self.m}, chosen={self.chosen})"

@@ -3,17 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
-import anywidget
 import pandas as pd
 import traitlets
 
 from crfbench.errors import InputError
-from crfbench.widgets.assets import bundle, join
+from crfbench.widgets.assets import StoredWidget, bundle, join, table
 
 _MISSING = "–"
 
 
-class SortableTable(anywidget.AnyWidget):
+class SortableTable(StoredWidget):
     """A table whose column headers are buttons; the page sorts by itself, so it works where no Python runs.
 
     Numbers sort by value, not as text; missing ones come last either way.
@@ -40,7 +39,6 @@ class SortableTable(anywidget.AnyWidget):
 
     _esm = bundle("sortable_table.js")
     _css = join("widgets.css", "sortable_table.css")
-    #: Caption, columns and rows; set once.
     _table = traitlets.Dict().tag(sync=True)
 
     def __init__(
@@ -67,6 +65,10 @@ class SortableTable(anywidget.AnyWidget):
         cells = [[_cell(value, formats.get(name, "{}")) for value in frame[name]] for name in frame]
         rows = [list(row) for row in zip(*cells, strict=True)]
         super().__init__(_table={"caption": caption, "columns": columns, "rows": rows})
+
+    def _still(self) -> dict[str, str]:
+        labels = [column["label"] for column in self._table["columns"]]
+        return table(self._table["caption"], [labels, *([cell["text"] for cell in row] for row in self._table["rows"])])
 
     def __repr__(self) -> str:
         return f"SortableTable({self._table['caption']!r}, {len(self._table['rows'])} rows)"

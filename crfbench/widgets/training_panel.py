@@ -5,7 +5,6 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import anywidget
 import numpy as np
 import traitlets
 
@@ -15,7 +14,7 @@ from crfbench.datasets import Responses, load_responses
 from crfbench.errors import CrfbenchError, InputError
 from crfbench.history import History
 from crfbench.models.slr import SLR
-from crfbench.widgets.assets import bundle, join
+from crfbench.widgets.assets import StoredWidget, bundle, join, table
 from crfbench.widgets.epoch_player import EpochPlayer, pack
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ _NO_PROGRESS = {"epoch": 0, "epochs": 0, "live": None}
 _DATASETS = {"dorf": "DoRF", "opencrf": "OpenCRF"}
 
 
-class TrainingPanel(anywidget.AnyWidget):
+class TrainingPanel(StoredWidget):
     """Train an SLR of one latent on the page or from Python, see its latents meanwhile, and add it to a player.
 
     The training runs in a thread of its own, with the config of the pretrained models but for what is chosen here, so
@@ -64,7 +63,6 @@ class TrainingPanel(anywidget.AnyWidget):
 
     _esm = bundle("training_panel.js")
     _css = join("widgets.css", "latents.css")
-    #: What can be chosen; set once.
     _choices = traitlets.Dict().tag(sync=True)
     #: How far the training has got; no epochs before the first.
     _progress = traitlets.Dict(_NO_PROGRESS).tag(sync=True)
@@ -91,6 +89,10 @@ class TrainingPanel(anywidget.AnyWidget):
         }
         super().__init__(_choices=choices, status=f"Ready to train on {self._data}.")
         self.on_msg(self._receive)
+
+    def _still(self) -> dict[str, str]:
+        choices = (", ".join(self._choices[name]) for name in ("constraints", "directions"))
+        return table(self.status, [("Constraint", "Direction", "Epochs"), (*choices, f"1 to {_MOST_EPOCHS}")])
 
     def __repr__(self) -> str:
         return f"TrainingPanel({self._data})"

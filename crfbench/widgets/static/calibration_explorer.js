@@ -109,9 +109,9 @@ class CalibrationExplorerView {
     const buttons = shortcuts.map(({ label, patches }) => button(label, () => this.set({ patches })));
     const row = element("div", { class: "crf-buttons", role: "group", "aria-label": "sets of patches" }, ...buttons);
     const hint = "Dashed: beyond the brightness measured, where model and prior speak alone.";
-    const left = element("div", { class: "crf-plot" }, this.plot.canvas, element("p", { class: "crf-note" }, hint));
+    const left = element("div", { class: "crf-plot" }, this.plot.box, element("p", { class: "crf-note" }, hint));
     left.append(this.status, this.warnings);
-    const panel = element("div", { class: "crf-panel" }, this.chart.box, row, this.density.canvas, this.figures);
+    const panel = element("div", { class: "crf-panel" }, this.chart.box, row, this.density.box, this.figures);
     return element("div", { class: "crf-body" }, left, panel);
   }
 
@@ -220,7 +220,7 @@ class CalibrationExplorerView {
 
   /** @param {Density | null} density over the one parameter of a model that has no more */
   drawDensity(density) {
-    this.density.canvas.hidden = density === null;
+    this.density.box.hidden = density === null;
     if (density === null) return;
     const { name, best } = density;
     const [prior, posterior] = density.densities.map(float32);

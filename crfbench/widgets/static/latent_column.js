@@ -94,7 +94,7 @@ export class LatentColumn {
     this.curves = new Plot("crf-small");
     this.readouts = readouts(["mean", "sd", "KL", "KS"]);
     this.box = element("div", { class: "crf-column", role: "group" });
-    this.box.append(this.title, this.caption, this.histogram.canvas, this.curves.canvas, this.readouts.box);
+    this.box.append(this.title, this.caption, this.histogram.box, this.curves.box, this.readouts.box);
   }
 
   // A training that ended earlier stays at its last epoch.
@@ -118,8 +118,8 @@ export class LatentColumn {
       x: { label: "latent z", min: -REACH, max: REACH, gap: 32 },
       y: { label: "density", min: 0, max: MOST },
       marks: [
-        { type: "bar", high: density, colour: "blue", alpha: 0.6 },
-        { type: "line", y: PRIOR, colour: "vermilion", dash: "dashed", width: 1.5 },
+        { type: "bar", name: "training curves", high: density, colour: "blue", alpha: 0.6 },
+        { type: "line", name: "N(0, 1)", y: PRIOR, colour: "vermilion", dash: "dashed", width: 1.5 },
       ],
       description: `Histogram of the latents of ${run.name} at epoch ${run.epochs[row]} beside N(0, 1)`,
     });
@@ -131,7 +131,8 @@ export class LatentColumn {
       x,
       y,
       marks: run.parts(run.probes, row, PROBE_COUNT).map((samples, i) => {
-        const look = probeLook(i - (PROBE_COUNT - 1) / 2);
+        const side = i - (PROBE_COUNT - 1) / 2;
+        const look = { name: `z = ${written(side / 2)}`, ...probeLook(side) };
         return { type: "line", y: Array.from(samples, (share) => share / 255), ...look };
       }),
       description: `Curves that ${run.name} decodes from latents of −2 to 2 at epoch ${run.epochs[row]}`,

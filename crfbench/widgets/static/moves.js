@@ -14,8 +14,6 @@ export function move(model, traits) {
   model.save_changes();
 }
 
-const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
-
 /** Says in every frame how far it has got; in one step a second for who asks for less motion. */
 export class Animation {
   /**
@@ -35,6 +33,7 @@ export class Animation {
 
   start() {
     const began = performance.now();
+    const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
     const next = (/** @type {number} */ now) => {
       this.frame = requestAnimationFrame(next);
       const seconds = Math.max(0, now - began) / 1000;

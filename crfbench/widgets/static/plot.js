@@ -1,6 +1,8 @@
 // One plot of marks on a canvas, shared by the widgets: lines, dots, bands and bars on linear or logarithmic axes.
 
 import { element, isDarkGround, written } from "./controls.js";
+import { Hand, PLOT_HELP } from "./plot_hand.js";
+import { shown } from "./plot_view.js";
 
 /**
  * @typedef {object} Axis
@@ -10,11 +12,18 @@ import { element, isDarkGround, written } from "./controls.js";
  * @property {boolean} [log]
  * @property {number} [gap] how near to each other the numbers of the x axis may stand, in pixels
  * @property {(value: number) => string} [format] how a number on the axis is written
+ * @property {string} [name] in a read-out; by default the label up to its first bracket
+ * @property {(value: number) => string} [write] how a number is written in a read-out
  *
  * @typedef {keyof typeof COLOURS} Colour
  * @typedef {object} Look
  * @property {string} [label] of the legend
+ * @property {string} [of] the label of the mark that it goes with, where it has none itself
+ * @property {string} [name] in a read-out; by default the label
+ * @property {string[]} [names] in a read-out, one a point
+ * @property {(i: number) => void} [onPick] called when the hand comes to point i
  * @property {Colour} [colour] the theme's ink where there is none
+ * @property {string[]} [paints] colours of CSS, one a dot
  * @property {number} [alpha]
  *
  * @typedef {ArrayLike<number>} Numbers
@@ -22,8 +31,8 @@ import { element, isDarkGround, written } from "./controls.js";
  * @typedef {{ type: "dots", x: Numbers, y: Numbers, radius: number, shape?: Shape, rim?: boolean }} Dots
  * @typedef {{ type: "band", x?: Numbers, low: Numbers, high: Numbers }} Band
  * @typedef {{ type: "bar", x?: Numbers, low?: Numbers, high?: Numbers, width?: number }} Bar `width` is in pixels
- * @typedef {{ type: "text", x: number, y: number, text: string }} Text beside a point, on a ground of its own
- * @typedef {Look & (Line | Dots | Band | Bar | Text)} Mark A line or band without x, and a line without y, runs evenly
+ * @typedef {{ x: number, y: number, text: string }} Note beside a point
+ * @typedef {Look & (Line | Dots | Band | Bar)} Mark A line or band without x, and a line without y, runs evenly
  *   over the axis. Bars without x stand side by side over the whole axis; without `low` or `high` they reach the frame.
  *
  * @typedef {object} Figure
@@ -31,6 +40,7 @@ import { element, isDarkGround, written } from "./controls.js";
  * @property {Axis} y
  * @property {Mark[]} marks painted in this order, which is also that of the legend
  * @property {string} description what a screen reader says
+ * @property {Note} [note] read out where the hand is not
  * @property {boolean} [bare] a strip with the numbers of the x axis and nothing else around it
  */
 
@@ -46,6 +56,7 @@ const LINE_WIDTH = 2;
 const LEGEND_LINE = 26; // length of the line sample
 const LEGEND_GAP = 16; // between two entries
 const ROW = 18; // height of a row of legend
+const FADED = 0.15; // how much is left of a mark while another stands out
 const THUMB = 8; // half a slider's thumb, whose centre stays that far inside the ends: bare plots lie below sliders
 
 /** @typedef {"disc" | "ring" | "square" | "diamond"} Shape */
@@ -132,7 +143,7 @@ function legendEntries(context, marks, width) {
     const label = shorten(context, mark.label, width - LEGEND_LINE - 6);
     const length = LEGEND_LINE + 6 + context.measureText(label).width;
     if (x > 0 && x + length > width) [x, row] = [0, row + 1];
-    const entry = { mark, label, x, row };
+    const entry = { mark, label, x, row, length };
     x += length + LEGEND_GAP;
     return [entry];
   });
@@ -158,8 +169,12 @@ export class Sketch {
 
   draw(/** @type {F} */ figure) {
     this.figure = figure;
-    if (figure.description) this.canvas.setAttribute("aria-label", figure.description);
+    if (figure.description) this.canvas.setAttribute("aria-label", this.describe(figure.description));
     this.schedule();
+  }
+
+  describe(/** @type {string} */ description) {
+    return description;
   }
 
   destroy() {
@@ -223,21 +238,43 @@ export class Sketch {
  * @extends {Sketch<Figure>}
  */
 export class Plot extends Sketch {
-  constructor(name = "crf-canvas") {
+  constructor(name = "crf-canvas", zooms = true) {
     super(name);
     this.left = this.right = this.top = this.bottom = 0;
     /** @type {(value: number) => number} */
     this.toX = (value) => value;
     this.toY = this.toX;
+    /** @type {{ x: import("./plot_view.js").Part, y: import("./plot_view.js").Part }} */
+    this.parts = { x: [0, 1], y: [0, 1] };
+    /** @type {{ x: Axis, y: Axis }} what is shown of them */
+    this.axes = { x: { min: 0, max: 1 }, y: { min: 0, max: 1 } };
+    this.start = this.end = this.floor = this.lid = 0; // where the ends of the whole axes lie
+    /** @type {ReturnType<typeof legendEntries>} */
+    this.entries = [];
+    /** @type {string | null} the entry of the legend whose marks stand out */
+    this.lit = null;
+    this.zooms = zooms;
+    this.hand = new Hand(this, zooms);
+    this.box = this.hand.box;
+  }
+
+  describe(/** @type {string} */ description) {
+    return this.zooms ? `${description.replace(/\.$/, "")}. ${PLOT_HELP}` : description;
+  }
+
+  get zoomed() {
+    return [this.parts.x, this.parts.y].some(([from, to]) => to - from < 0.999);
   }
 
   paint(/** @type {Figure} */ figure) {
     const { context } = this;
     const { marks, bare } = figure;
-    const entries = legendEntries(context, marks, this.width - 56);
+    this.entries = legendEntries(context, marks, this.width - 56);
+    const { entries } = this;
     const rows = entries.length ? entries[entries.length - 1].row + 1 : 0;
-    if (bare) this.place(figure, THUMB, this.width - THUMB, 0, this.height - ROW);
-    else this.place(figure, 48, this.width - 8, rows * ROW + 8, this.height - 42);
+    this.axes = { x: shown(figure.x, this.parts.x), y: shown(figure.y, this.parts.y) };
+    if (bare) this.frameBy(figure, THUMB, this.width - THUMB, 0, this.height - ROW);
+    else this.frameBy(figure, 48, this.width - 8, rows * ROW + 8, this.height - 42);
     this.paintAxes(figure);
     context.save();
     context.beginPath();
@@ -246,25 +283,102 @@ export class Plot extends Sketch {
     for (const mark of marks) this.paintMark(mark);
     context.restore();
     for (const entry of entries) this.paintLegend(entry);
+    this.hand.tell();
   }
 
   /**
-   * @param {Figure} figure
+   * @param {Figure} whole
    * @param {number} left
    * @param {number} right
    * @param {number} top
    * @param {number} bottom
    */
-  place({ x, y }, left, right, top, bottom) {
+  frameBy(whole, left, right, top, bottom) {
     Object.assign(this, { left, right, top, bottom });
+    const { x, y } = this.axes;
     const toY = scale(y, bottom, top);
     this.toX = scale(x, left, right);
+    [this.start, this.end] = [whole.x.min, whole.x.max].map(this.toX);
+    [this.floor, this.lid] = [whole.y.min, whole.y.max].map(toY);
     // Browsers drop paths that run off to enormous coordinates.
-    this.toY = (/** @type {number} */ value) => Math.min(2 * bottom, Math.max(-bottom, toY(value)));
+    this.toY = (/** @type {number} */ value) => Math.min(20 * bottom, Math.max(-20 * bottom, toY(value)));
   }
 
-  paintAxes(/** @type {Figure} */ { x, y, bare }) {
+  // --- what the hand asks
+
+  holds(/** @type {number} */ x, /** @type {number} */ y) {
+    return x >= this.left && x <= this.right && y >= this.top && y <= this.bottom;
+  }
+
+  /** Where a point lies, or null outside the frame. */
+  place(/** @type {{ x: number, y: number }} */ point) {
+    const [x, y] = [this.toX(point.x), this.toY(point.y)];
+    return this.holds(x, y) ? { x, y } : null;
+  }
+
+  // The entry of the legend at a place.
+  entryAt(/** @type {number} */ x, /** @type {number} */ y) {
+    const row = Math.floor(y / ROW);
+    const from = x - this.left;
+    const found = this.entries.find((entry) => entry.row === row && from >= entry.x && from <= entry.x + entry.length);
+    return found?.mark.label ?? null;
+  }
+
+  light(/** @type {string | null} */ entry) {
+    if (entry === this.lit) return;
+    this.lit = entry;
+    this.schedule();
+  }
+
+  /**
+   * Where the points of a mark lie; of a bar or band its top, or its place next to `y`.
+   * @param {Mark} mark
+   * @param {number} y
+   * @returns {import("./plot_view.js").Trace}
+   */
+  trace(mark, y = -Infinity) {
+    if (mark.type === "dots") return { n: mark.x.length, at: (i) => [this.toX(mark.x[i]), this.toY(mark.y[i])] };
+    if (mark.type === "line") {
+      const { n, toX, toY } = this.along(mark);
+      return { n, at: (i) => [toX(i), toY(i)], joined: true };
+    }
+    const { low, high } = mark;
+    const n = (mark.x ?? low ?? high ?? []).length;
+    const share = (this.end - this.start) / n;
+    const middle = (/** @type {number} */ i) => this.start + (i + 0.5) * share;
+    const toX = mark.type === "band" || mark.x ? this.across(mark.x, n) : middle;
+    const inFrame = (/** @type {number} */ place) => Math.min(this.bottom, Math.max(this.top, place));
+    return {
+      n,
+      at: (i) => {
+        const top = high ? inFrame(this.toY(high[i])) : this.top;
+        const bottom = low ? inFrame(this.toY(low[i])) : this.bottom;
+        return [toX(i), Math.min(bottom, Math.max(top, y))];
+      },
+    };
+  }
+
+  /**
+   * The numbers of a point: those of the mark, and where it has none `drawn`, those at its place.
+   * @param {Mark} mark
+   * @param {number} i
+   * @param {{ x: number, y: number }} drawn
+   * @returns {{ x: number | number[], y: number | number[] }}
+   */
+  values(mark, i, drawn) {
+    if (mark.type === "dots") return { x: mark.x[i], y: mark.y[i] };
+    if (mark.type === "line") return drawn;
+    const { low, high } = mark;
+    const y = low && high ? [low[i], high[i]] : (high ?? low ?? [])[i];
+    if (mark.type === "band" || mark.x) return { x: mark.x ? mark.x[i] : drawn.x, y };
+    const { min, max } = /** @type {Figure} */ (this.figure).x;
+    const step = (max - min) / (high ?? low ?? []).length;
+    return { x: [min + i * step, min + (i + 1) * step], y };
+  }
+
+  paintAxes(/** @type {Figure} */ { bare }) {
     const { context } = this;
+    const { x, y } = this.axes;
     const { left, right, top, bottom } = this;
     context.fillStyle = context.strokeStyle = this.ink;
     context.lineWidth = 1;
@@ -312,39 +426,51 @@ export class Plot extends Sketch {
   paintMark(/** @type {Mark} */ mark) {
     const { context } = this;
     context.fillStyle = this.colour(mark.colour);
-    context.globalAlpha = mark.alpha ?? 1;
+    context.globalAlpha = this.strength(mark);
     if (mark.type === "line") this.paintLine(mark);
     else if (mark.type === "dots") this.paintDots(mark);
     else if (mark.type === "band") this.paintBand(mark);
-    else if (mark.type === "bar") this.paintBars(mark);
-    else this.paintText(mark);
+    else this.paintBars(mark);
     context.globalAlpha = 1;
   }
 
+  strength(/** @type {Mark} */ { alpha = 1, label, of }) {
+    return this.lit === null || this.lit === (label ?? of) ? alpha : FADED * alpha;
+  }
+
   /**
-   * Where sample i lies between left and right.
+   * Where sample i lies across the whole axis.
    * @param {Numbers | undefined} x
    * @param {number} count
    * @returns {(i: number) => number}
    */
   across(x, count) {
-    const step = (this.right - this.left) / (count - 1);
-    return x ? (i) => this.toX(x[i]) : (i) => this.left + i * step;
+    const step = (this.end - this.start) / (count - 1);
+    return x ? (i) => this.toX(x[i]) : (i) => this.start + i * step;
   }
 
-  paintLine(/** @type {Look & Line} */ { x, y, ...look }) {
+  along(/** @type {Line} */ { x, y }) {
+    const n = (x ?? y ?? []).length;
+    const rise = (this.floor - this.lid) / (n - 1);
+    /** @type {(i: number) => number} */
+    const toY = y ? (i) => this.toY(y[i]) : (i) => this.floor - i * rise;
+    return { n, toX: this.across(x, n), toY };
+  }
+
+  paintLine(/** @type {Look & Line} */ mark) {
     const { context } = this;
-    const count = (x ?? y ?? []).length;
-    const toX = this.across(x, count);
-    const rise = (this.bottom - this.top) / (count - 1);
-    this.setLine(look);
+    const { n, toX, toY } = this.along(mark);
+    this.setLine(mark);
     context.beginPath();
-    for (let i = 0; i < count; i++) context.lineTo(toX(i), y ? this.toY(y[i]) : this.bottom - i * rise);
+    for (let i = 0; i < n; i++) context.lineTo(toX(i), toY(i));
     context.stroke();
   }
 
   paintDots(/** @type {Look & Dots} */ { x, y, ...look }) {
-    for (let i = 0; i < x.length; i++) this.paintDot(this.toX(x[i]), this.toY(y[i]), look);
+    for (let i = 0; i < x.length; i++) {
+      if (look.paints) this.context.fillStyle = look.paints[i];
+      this.paintDot(this.toX(x[i]), this.toY(y[i]), look);
+    }
   }
 
   /**
@@ -375,36 +501,22 @@ export class Plot extends Sketch {
   paintBars(/** @type {Bar} */ { x, low, high, width = 1 }) {
     const { context } = this;
     const count = (x ?? low ?? high ?? []).length;
-    const share = (this.right - this.left) / count;
+    const share = (this.end - this.start) / count;
     for (let i = 0; i < count; i++) {
       // Whole pixels, so that the edges are crisp.
-      const start = Math.round(x ? this.toX(x[i]) - width / 2 : this.left + i * share);
-      const end = x ? start + width : Math.round(this.left + (i + 1) * share);
+      const start = Math.round(x ? this.toX(x[i]) - width / 2 : this.start + i * share);
+      const end = x ? start + width : Math.round(this.start + (i + 1) * share);
       const bottom = Math.round(low ? Math.min(this.bottom, this.toY(low[i])) : this.bottom);
       const top = Math.round(high ? Math.max(this.top, this.toY(high[i])) : this.top);
       context.fillRect(start, top, end - start, bottom - top);
     }
   }
 
-  // Inside the frame, above the point and to its right where there is room.
-  paintText(/** @type {Text} */ { x, y, text }) {
-    const { context } = this;
-    const [atX, atY] = [this.toX(x), this.toY(y)];
-    const length = context.measureText(text).width;
-    const left = atX + 14 + length > this.right ? atX - 14 - length : atX + 14;
-    const middle = atY - 18 < this.top + 8 ? atY + 18 : atY - 18;
-    context.fillStyle = this.dark ? "#111" : "#fff"; // hides what lies behind
-    context.fillRect(left - 4, middle - 8, length + 8, 16);
-    context.fillStyle = this.ink;
-    context.textAlign = "left";
-    context.fillText(text, left, middle);
-  }
-
   paintLegend(/** @type {ReturnType<typeof legendEntries>[number]} */ { mark, label, x, row }) {
     const { context } = this;
     const [start, y] = [this.left + x, row * ROW + ROW / 2];
     context.fillStyle = this.colour(mark.colour);
-    context.globalAlpha = mark.alpha ?? 1;
+    context.globalAlpha = this.strength(mark);
     if (mark.type === "dots") this.paintDot(start + LEGEND_LINE / 2, y, mark);
     else if (mark.type === "line") {
       this.setLine(mark);
@@ -417,21 +529,5 @@ export class Plot extends Sketch {
     context.fillStyle = this.ink;
     context.textAlign = "left";
     context.fillText(label, start + LEGEND_LINE + 6, y);
-  }
-
-  /**
-   * Which of these points is the nearest to a place on the canvas, or null where none lies within `reach` pixels.
-   * @param {{ x: Numbers, y: Numbers }} points
-   * @param {number} x
-   * @param {number} y
-   * @param {number} reach
-   */
-  nearest(points, x, y, reach) {
-    let [best, least] = [/** @type {number | null} */ (null), reach];
-    for (let i = 0; i < points.x.length; i++) {
-      const distance = Math.hypot(this.toX(points.x[i]) - x, this.toY(points.y[i]) - y);
-      if (distance < least) [best, least] = [i, distance];
-    }
-    return best;
   }
 }
