@@ -105,10 +105,12 @@ def index_body() -> str:
 def paper_body() -> str:
     """Return the map of the paper, with its figures as they are rebuilt here."""
     shown = []
-    for name, (draw, caption, alt) in figures.PAPER_FIGURES.items():
-        picture = _data_address(figures.picture(draw(load_results()), "png", {}))
+    for name, said in figures.captions().items():
+        picture = _data_address(figures.picture(figures.PAPER_FIGURES[name](load_results()), "png", {}))
+        alt, caption = map(html.escape, (said["alt"], said["caption"]))
+        kind = ' class="as-it-is"' if name == "figure_3" else ""
         shown.append(
-            f'<figure id="{name}"><img alt="{alt}" src="{picture}"><figcaption>{caption}</figcaption></figure>'
+            f'<figure id="{name}"><img{kind} alt="{alt}" src="{picture}"><figcaption>{caption}</figcaption></figure>'
         )
         plt.close("all")
     return (

@@ -156,7 +156,7 @@ def test_figures_are_written_as_pdf_and_png(tmp_path):
 
 @pytest.mark.parametrize(("name", "panels"), [("figure_2", 2), ("figure_3", 6), ("figure_4_ours", 4)])
 def test_figures_have_the_papers_panels(name, panels):
-    axes = figures.figure_of(figures.PAPER_FIGURES[name][0](load_results())).axes
+    axes = figures.figure_of(figures.PAPER_FIGURES[name](load_results())).axes
     titles = [ax.get_title() for ax in axes if ax.get_title()]
     assert [title[:3] for title in titles] == [f"({letter})" for letter in "abcdef"[:panels]]
     plt.close("all")

@@ -15,13 +15,12 @@ from crfbench.paper.calibration import bootstrap_bounds
 from crfbench.paper.fitting import papers_rising_rows
 from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, FITTING, SIGNIFICANT_RMSE, STABILITY
 from crfbench.paper.results import PaperResults, load_results
-from crfbench.paper.verdicts import CHECKS, RULES, TWICE, Claim, claim, in_words, is_least, scientific, verdict
+from crfbench.paper.verdicts import CHECKS, RULES, TWICE, Check, Claim, claim, in_words, is_least, scientific, verdict
 
 _FITS = "crfbench.paper.fitting.fitting_table"
 _CALIBRATIONS = "crfbench.paper.calibration.calibration_table"
 _STABILITIES = "scripts.record_report.stability_by_seed"
 _HERE = "crfbench.paper.claims"
-_RATIO = f"{_HERE}.speed_ratio"
 _SLR, _EMOR = "SLR-ldl-1-forward", "EMoR-published-1-forward"
 _LDL, _CLASSICAL = "SLR-ldl-1", ["Gamma-1", "Polynomial-3", "GGCM-3", "EMoR-3"]
 _NO_DIFFERENCE = (0.0, 0.0)
@@ -249,36 +248,29 @@ def speed_ratio(calibration: pd.DataFrame, rivals: list[str]) -> float:
     return float(calibration["seconds"][rivals].min() / calibration["seconds"][_LDL])
 
 
-@claim("abstract", "calibration is almost twice as fast as with the best other models", how=_RATIO, group="speed")
-def almost_twice(results: PaperResults) -> Claim:
-    """Compare the seconds of all classical models with SLR's."""
-    return _speed(results, _CLASSICAL, TWICE)
-
-
-@claim("1", "calibration takes less than half the time of the best other models", how=_RATIO, group="speed")
-def half_the_time(results: PaperResults) -> Claim:
-    """Compare the same seconds with a stricter word."""
-    more = "; in the paper's Table 3 it is 57.4 s against 112.6 s, more than half"
-    return _speed(results, _CLASSICAL, 2.0, more)
-
-
-@claim("4.5", "Gamma takes so many times as long as SLR with LDL", how=_RATIO, group="speed", printed="1.96")
-def faster_than_gamma(results: PaperResults) -> Claim:
-    """Compare the seconds of Gamma and SLR."""
-    return _speed(results, _CLASSICAL[:1], TWICE)
-
-
-@claim("5", "calibration is around twice as fast as with the best other models", how=_RATIO, group="speed")
-def around_twice(results: PaperResults) -> Claim:
-    """Compare the same seconds as the abstract does."""
-    return _speed(results, _CLASSICAL, TWICE)
-
-
-def _speed(results: PaperResults, rivals: list[str], least: float, more: str = "") -> Claim:
-    ratio = speed_ratio(results.calibration, rivals)
+def _speed(
+    where: str, text: str, rivals: list[str] = _CLASSICAL, least: float = TWICE, printed: str = "", more: str = ""
+) -> Check:
     quickest = "Gamma" if len(rivals) == 1 else f"the quickest of {len(rivals)} classical models"
     why = f"Seconds of {quickest} over those of SLR with LDL, by the paper's method in one program{more}."
-    return Claim(ours=f"{ratio:.2f} times", verdict=in_words(ratio > least), why=why)
+
+    @claim(where, text, how=f"{_HERE}.speed_ratio", printed=printed, group="speed")
+    def check(results: PaperResults) -> Claim:
+        ratio = speed_ratio(results.calibration, rivals)
+        return Claim(ours=f"{ratio:.2f} times", verdict=in_words(ratio > least), why=why)
+
+    return check
+
+
+almost_twice = _speed("abstract", "calibration is almost twice as fast as with the best other models")
+half_the_time = _speed(
+    "1",
+    "calibration takes less than half the time of the best other models",
+    least=2.0,
+    more="; in the paper's Table 3 it is 57.4 s against 112.6 s, more than half",
+)
+faster_than_gamma = _speed("4.5", "Gamma takes so many times as long as SLR with LDL", _CLASSICAL[:1], printed="1.96")
+around_twice = _speed("5", "calibration is around twice as fast as with the best other models")
 
 
 def _accuracy(results: PaperResults) -> pd.DataFrame:

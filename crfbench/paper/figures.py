@@ -227,50 +227,22 @@ def _one_camera(_: PaperResults, method: str = "paper") -> Axes:
     return ax
 
 
-#: What the paper numbers, in its layout, by the name of the file; then Figure 4 by our method. What draws each, its
-#: caption, and what one sees in it.
-PAPER_FIGURES: dict[str, tuple[Callable[[PaperResults], Axes], str, str]] = {
-    "figure_2": (
-        _data_sets,
-        "Figure 2: (a) the responses, of OpenCRF where DoRF is absent; (b) what 14 cameras made of 24 patches.",
-        "Left a bundle of curves from black to white, most above the diagonal; right a cloud of dots in 14 colours.",
-    ),
-    "figure_3": (
-        lambda _: plots.plot_latent_epochs({name: load_history(name.lower()) for name in _HISTORIES})[0],
-        "Figure 3: the latents over the epochs of training, (a) the objective, (b) to (f) by constraint.",
-        "Six pictures; LDL and AUC settle early, AAE and VAE late, and the baseline spreads without end.",
-    ),
-    "figure_4": (
-        _one_camera,
-        f"Figure 4: inverse responses of {CAMERA} from 3, 6, 12 and 24 patches, by the paper's method.",
-        "Four pictures of four curves each over measured dots; the curves of one model lie apart.",
-    ),
-    "figure_4_ours": (
-        partial(_one_camera, method="map"),
-        "Figure 4 again, by our method, with a prior and what each model misses (“map”).",
-        "Four pictures; here the four curves of each model lie close together, among the dots.",
-    ),
-    "table_1": (
-        lambda results: plot_fitting(results.fitting, "forward"),
-        "Table 1: mean RMSE on DoRF by number of parameters. Our best fits as lines, the paper's figures as crosses.",
-        "EMoR's crosses lie on its line; those of SLR, Gamma and most of Polynomial and GGCM lie off theirs.",
-    ),
-    "table_2": (
-        stability_figure,
-        "Table 2: total variance with 3, 6, 12 and 24 patches, Canon PowerShot G9.",
-        "Total variance, logarithmic: our means with long bars over the seeds, the paper's crosses beside them.",
-    ),
-    "table_3": (
-        calibration_figure,
-        "Table 3: mean RMSE of calibration from three patches, by the paper's method.",
-        "Our bars overlap for most models; some of the paper's crosses lie in them, EMoR's lies far to the right.",
-    ),
-    "algorithm_1": (
-        lambda results: plots.plot_search(results.search),
-        "Algorithm 1: accuracy of 156 candidates against complexity, one seed.",
-        "The most accurate candidates have bars far longer than the differences between them.",
-    ),
+#: What the paper numbers, in its layout, by the name of the file; then Figure 4 by our method.
+PAPER_FIGURES: dict[str, Callable[[PaperResults], Axes]] = {
+    "figure_2": _data_sets,
+    "figure_3": lambda _: plots.plot_latent_epochs({name: load_history(name.lower()) for name in _HISTORIES})[0],
+    "figure_4": _one_camera,
+    "figure_4_ours": partial(_one_camera, method="map"),
+    "table_1": lambda results: plot_fitting(results.fitting, "forward"),
+    "table_2": stability_figure,
+    "table_3": calibration_figure,
+    "algorithm_1": lambda results: plots.plot_search(results.search),
 }
+
+
+def captions() -> dict[str, dict[str, str]]:
+    """Return of each of `PAPER_FIGURES` its ``caption``, and what one sees in it, ``alt``."""
+    return pd.read_csv(Path(__file__).with_name("figures.csv"), index_col="figure").to_dict("index")
 
 
 def picture(ax: Axes, kind: str, metadata: Mapping[str, None]) -> bytes:
@@ -283,7 +255,7 @@ def picture(ax: Axes, kind: str, metadata: Mapping[str, None]) -> bytes:
 def write_figures(folder: Path) -> Iterator[Path]:
     """Write what the paper numbers (`PAPER_FIGURES`) as PDF and PNG, replacing older ones, and yield each path."""
     mpl.use("agg")
-    for name, (draw, *_) in PAPER_FIGURES.items():
+    for name, draw in PAPER_FIGURES.items():
         yield from _written(folder / name, draw(load_results()))
 
 

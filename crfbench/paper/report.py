@@ -13,7 +13,7 @@ import crfbench
 from crfbench.datasets import load_responses
 from crfbench.files import write_atomically
 from crfbench.paper.claims import claims_table, verdict_counts
-from crfbench.paper.figures import PAPER_FIGURES, picture
+from crfbench.paper.figures import PAPER_FIGURES, captions, picture
 from crfbench.paper.findings import does_not_follow, holds, summary
 from crfbench.paper.places import located, paper_map
 from crfbench.paper.results import LEADERBOARD, PaperResults, leaderboard, load_results
@@ -76,7 +76,9 @@ def report_body(site: bool = False) -> str:
         },
         rules=RULES,
         findings={"holds": holds(results), "does-not-follow": does_not_follow(results)},
-        figures=[(PAPER_FIGURES[name][1], _svg(name, results)) for name in _SHOWN],
+        figures=[
+            (said["caption"], _svg(name, said["alt"], results)) for name, said in captions().items() if name in _SHOWN
+        ],
         slider=island(latent_slider(), name="latent"),
         leaderboard=island(sortable_leaderboard(), name="leaderboard"),
         places=paper_map(results).to_dict("records"),
@@ -114,7 +116,7 @@ def latent_slider() -> LatentExplorer:
     return LatentExplorer(["SLR-ldl-1", "SLR-monotone-1"], load_responses("opencrf"))
 
 
-def _svg(name: str, results: PaperResults) -> str:
+def _svg(name: str, alt: str, results: PaperResults) -> str:
     """Return a figure as SVG to put into a page: identifiers of its own, colours of the page, and a text."""
     mpl.use("agg")
     style: dict[Any, Any] = {
@@ -123,9 +125,10 @@ def _svg(name: str, results: PaperResults) -> str:
         "legend.framealpha": 1.0,  # no line crosses the words
         "savefig.transparent": True,
     }
-    draw, _, alt = PAPER_FIGURES[name]
     with mpl.rc_context(style):
-        svg = picture(draw(results), "svg", dict.fromkeys(("Date", "Creator", "Format", "Type"))).decode()
+        svg = picture(
+            PAPER_FIGURES[name](results), "svg", dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        ).decode()
     plt.close("all")
     svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{name}-", svg[svg.index("<svg") :])
     for written, shown in _PAGE_COLOURS.items():
