@@ -288,12 +288,12 @@ def test_convert_takes_one_channel_where_one_fits(channel, curve, tmp_path):
     [
         (["absent.json", "a.cube"], "there is no file absent.json"),
         (["good.json", "a.xyz"], "the name a.xyz tells no format; let it end in one of"),
-        (["good.json", "a.cube", "--to", "exr"], "format='exr' is not known; use one of passport"),
-        (["good.json", "a.cube", "--format", "exr"], "format='exr' is not known; use one of passport"),
+        (["good.json", "a.cube", "--to", "exr"], "format 'exr' is not known; use one of passport"),
+        (["good.json", "a.cube", "--format", "exr"], "format 'exr' is not known; use one of passport"),
         (["good.json", "a.cube", "--channel", "violet"], "use one of red, green, blue"),
         (["bad.json", "a.cube"], "bad.json: this is not a response in the format 'passport'"),
         (["bad.dat", "a.cube"], "bad.dat is no response in a format that is known"),
-        (["good.json", "a.rsp"], "format='radiance' is only read"),
+        (["good.json", "a.rsp"], "format 'radiance' is only read"),
     ],
 )
 def test_what_convert_refuses_in_one_sentence(arguments, message, tmp_path, monkeypatch):

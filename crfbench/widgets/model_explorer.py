@@ -90,6 +90,7 @@ class ModelExplorer(StoredWidget):
         self.models = _by_name(models)
         # The page's request that the next scene answers, and what it says besides.
         self._request, self._message = "", ""
+        self._by_hand = False  # whether what is drawn next is the reader's own guess
         self._travels: dict[str, tuple[Array, Array]] = {}
         first = next(iter(self.models))
         x_label, y_label = axis_labels(models[0].direction)
@@ -131,6 +132,8 @@ class ModelExplorer(StoredWidget):
             self.reset()
         model, target, curve = self.models[self.model], self._curves[self.index], self.curve
         message, self._message = self._message, ""
+        judged = _judge(curve, target)
+        self._keep_best(f"{self._names[self.index]}, {self.model}", judged["rmse"])
         self._scene = {
             "answered": self._request,
             "index": self.index,
@@ -142,12 +145,18 @@ class ModelExplorer(StoredWidget):
             "target": _samples(target),
             "decoded": _samples(curve),
             "valid": _samples(model.nearest_valid(np.array(self.params))) if self.show_valid else None,
-            **_judge(curve, target),
+            **judged,
         }
+
+    def _keep_best(self, key: str, reached: float) -> None:
+        """Keep the least RMSE that the reader has reached by hand for a curve and model."""
+        if self._by_hand and reached < self.best.get(key, np.inf):
+            self.best = {**self.best, key: reached}
+        self._by_hand = False
 
     def _receive(self, _widget: object, message: dict[str, Any], _buffers: object) -> None:
         """Do what the page asks; the scene that results carries the number of the request as its answer."""
-        self._request = message["request"]
+        self._request, self._by_hand = message["request"], message["kind"] == "positions"
         match message["kind"]:
             case "fit":
                 self.fit()

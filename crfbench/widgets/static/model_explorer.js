@@ -61,23 +61,21 @@ class ModelExplorerView {
     this.photo = new SplitPhoto(renderScene(), SEAM);
     this.equation = element("p", { class: "crf-formula" });
     this.drawn = ""; // the model that the sliders belong to
-    this.byHand = false; // whether the reader's sliders were asked for last
-    this.seen = ""; // the request that the last scene answered
     /** @type {number[]} */
     this.positions = [];
     /** @type {ReturnType<typeof labelledSlider>[]} */
     this.sliders = [];
     this.sliderBox = element("div", { class: "crf-sliders", role: "group", "aria-label": "model parameters" });
-    this.curve = labelledSelect("Curve", names, (index) => this.ask("index", index));
-    this.family = labelledSelect("Model", models, (i) => this.ask("model", models[i]));
-    this.valid = labelledCheckbox("show nearest valid curve", (on) => this.ask("show_valid", on));
+    this.curve = labelledSelect("Curve", names, (index) => this.requests.send("index", index));
+    this.family = labelledSelect("Model", models, (i) => this.requests.send("model", models[i]));
+    this.valid = labelledCheckbox("show nearest valid curve", (on) => this.requests.send("show_valid", on));
     this.readouts = readouts(["RMSE", "your best RMSE", "MSE", "monotone", "in [0, 1]"]);
     this.status = element("div", { class: "crf-status", role: "status" });
     this.root = element("div", { class: "crf", "aria-busy": false }, this.buildChoices(), this.buildBody());
     root.append(this.root);
     this.requests = new RequestQueue(model, busySign(this.root, this.status));
     this.leaveTheme = followTheme(this.root, () => this.plot.schedule());
-    this.leaveModel = listen(model, { _scene: () => this.update() });
+    this.leaveModel = listen(model, { _scene: () => this.update(), best: () => this.update() });
     this.update();
   }
 
@@ -97,8 +95,8 @@ class ModelExplorerView {
   }
 
   buildBody() {
-    const fit = button("Fit", () => this.ask("fit"), { class: "crf-main", title: "least MSE to this curve" });
-    const reset = button("Reset", () => this.ask("reset"), { title: "mean parameters" });
+    const fit = button("Fit", () => this.requests.send("fit"), { class: "crf-main", title: "least MSE to this curve" });
+    const reset = button("Reset", () => this.requests.send("reset"), { title: "mean parameters" });
     const buttons = element("div", { class: "crf-buttons" }, fit, reset);
     const game = element("p", { class: "crf-note" }, GAME);
     const panel = element("div", { class: "crf-panel" }, game, this.sliderBox, buttons, this.valid.box);
@@ -111,14 +109,14 @@ class ModelExplorerView {
     const { input } = this.curve;
     const n = input.options.length;
     input.selectedIndex = (input.selectedIndex + step + n) % n;
-    this.ask("index", input.selectedIndex);
+    this.requests.send("index", input.selectedIndex);
   }
 
   update() {
     /** @type {Scene} */
     const scene = this.model.get("_scene");
     this.requests.answered(scene.answered);
-    const best = this.keepBest(scene);
+    const best = this.model.get("best")[`${this.choices.names[scene.index]}, ${scene.model}`];
     if (scene.model !== this.drawn) this.rebuildSliders(scene);
     if (this.requests.idle) this.followControls(scene);
     scene.sliders.forEach(({ param }, i) => this.sliders[i].show(null, formatParam(param)));
@@ -126,25 +124,6 @@ class ModelExplorerView {
     this.readouts.show([formatError(scene.rmse), best === undefined ? "–" : formatError(best), formatError(scene.mse), rises, stays]);
     this.status.textContent = scene.message + (scene.message && best ? `; your best: ${formatError(best)}` : "");
     this.draw(scene);
-  }
-
-  /** @type {(kind: string, value?: unknown) => void} */
-  ask(kind, value) {
-    this.byHand = kind === "positions";
-    this.requests.send(kind, value);
-  }
-
-  // The least RMSE that the reader has reached for this curve and model. What Python itself moves answers no request.
-  /** @type {(scene: Scene) => number | undefined} */
-  keepBest({ answered, index, model, rmse }) {
-    const key = `${this.choices.names[index]}, ${model}`;
-    const all = this.model.get("best");
-    const moved = this.byHand && answered !== this.seen;
-    this.seen = answered;
-    if (!moved || rmse >= all[key]) return all[key];
-    this.model.set("best", { ...all, [key]: rmse });
-    this.model.save_changes();
-    return rmse;
   }
 
   rebuildSliders(/** @type {Scene} */ scene) {
@@ -166,7 +145,7 @@ class ModelExplorerView {
   // Positions are kept apart from the thumbs, which stop at the ends of their range and at whole steps.
   slide(/** @type {number} */ i, /** @type {number} */ position) {
     this.positions[i] = position;
-    this.ask("positions", [...this.positions]);
+    this.requests.send("positions", [...this.positions]);
   }
 
   // Only when nothing is under way, so that an old answer never pulls a control from under the hand.
