@@ -21,6 +21,7 @@ SUBJECTS = (
     "calibration",
     "series",
     "real_series",
+    "raw_photographs",
     "linearise",
     "slider",
     "accuracy",

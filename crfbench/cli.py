@@ -19,10 +19,21 @@ from crfbench.errors import CrfbenchError, InputError
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help="A workbench for camera response functions.")
+#: The groups of the commands in help, by use.
+_CAMERA, _PAPER, _DATA = _PANELS = ("Your own camera", "The paper", "Data and models")
+app = typer.Typer(
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="A workbench for camera response functions.",
+)
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
-app.add_typer(table_app, name="table")
+app.add_typer(table_app, name="table", rich_help_panel=_PAPER)
 
+#: How a terminal shows verdicts, which their words tell too.
+_STYLES = {
+    "reproduced": "green", "holds": "green", "differs": "red", "does not hold": "red", "undecided": "yellow",
+    "not comparable": "dim",
+}  # fmt: skip
 #: Models that had another name before one spelling held everywhere; these names work for one release more.
 FORMER_NAMES = {
     "slr": "SLR-ldl-3",
@@ -50,7 +61,7 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
         raise typer.Exit
 
 
-@app.command()
+@app.command(rich_help_panel=_DATA)
 def data(as_json: AsJson = False) -> None:
     """List every data set: what it is, its licence, whether it is here, and where."""
     from crfbench.datasets import registry
@@ -64,9 +75,9 @@ def data(as_json: AsJson = False) -> None:
         typer.echo(f"  in {row['where']}" if row["where"] else f"  get it with: crfbench fetch {row['key']}")
 
 
-@app.command()
+@app.command(rich_help_panel=_DATA)
 def fetch(
-    which: Annotated[str, typer.Argument(help="dorf, emor, middlebury or all")],
+    which: Annotated[str, typer.Argument(metavar="WHICH", help="dorf, emor, middlebury or all")],
     folder: Annotated[Path | None, typer.Option(help="Where to; default $CRFBENCH_DATA or the user cache.")] = None,
     mirror: Annotated[str | None, typer.Option(help="Base address to fetch from instead.")] = None,
 ) -> None:
@@ -164,7 +175,22 @@ def chart_free(
     )
 
 
-@app.command()
+@app.command("paper", rich_help_panel=_PAPER)
+def where(wide: Wide = False, as_json: AsJson = False) -> None:
+    """Say where each figure, table, equation and claim of the paper is rebuilt: cell, function, command, file."""
+    from crfbench.paper.places import paper_map
+
+    table = paper_map()
+    claims = table["verdict"] != ""
+    parts = {"what the paper numbers, and what rebuilds it": table[~claims], "what it claims": table[claims]}
+    short = [("item", "cell", "command"), ("item", "what", "cell")]
+    for (title, part), columns in zip(parts.items(), short, strict=True):
+        _print_tables({title: table if as_json else part}, as_json, wide or columns)
+        if as_json:
+            return
+
+
+@app.command(rich_help_panel=_PAPER)
 def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures.")] = Path("results")) -> None:
     """Rebuild every table and figure that exists, without a browser."""
     from crfbench.paper.figures import build_results
@@ -173,20 +199,23 @@ def tables(out: Annotated[Path, typer.Option(help="Folder for tables and figures
         typer.echo(path)
 
 
-@app.command()
+@app.command(rich_help_panel=_PAPER)
 def report(
     out: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
-    figures: Annotated[Path | None, typer.Option(help="Also write its figures as PDF, into this folder.")] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Also write the paper's figures, rebuilt, as PDF and PNG into this folder.")
+    ] = None,
 ) -> None:
     """Write the reproduction report: every claim of the paper beside ours, in one page that needs no network."""
-    from crfbench.paper.report import write_figures, write_report
+    from crfbench.paper.figures import write_figures
+    from crfbench.paper.report import write_report
 
     typer.echo(write_report(out))
     for path in write_figures(figures) if figures else ():
         typer.echo(path)
 
 
-@app.command()
+@app.command(rich_help_panel=_CAMERA)
 def calibrate(
     source: Annotated[list[Path], typer.Argument(help="A folder of photographs, or the files.")],
     chart: Annotated[
@@ -231,7 +260,7 @@ def calibrate(
         typer.echo(f"warning: {warning}")
 
 
-@app.command()
+@app.command(rich_help_panel=_CAMERA)
 def linearise(
     image: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, HEIC, AVIF or WebP, 8 or 16 bit.")],
     response: Annotated[Path, typer.Option(help="passport.json, or the response of another program.")],
@@ -248,7 +277,7 @@ def linearise(
     typer.echo(linearise_file(image, response, out, force, to=to, format=format, white_level=white_level, say=say))
 
 
-@app.command()
+@app.command(rich_help_panel=_CAMERA)
 def convert(
     source: Annotated[Path, typer.Argument(help="passport.json, or the response of another program.")],
     out: Annotated[Path, typer.Argument(help="What to write; the end of its name tells the format.")],
@@ -276,7 +305,7 @@ def _current_name(name: str) -> str:
     return current
 
 
-@app.command()
+@app.command(rich_help_panel=_DATA)
 def train(
     names: Annotated[list[str] | None, typer.Argument(help="Models, such as SLR-ldl-1.")] = None,
     every: Annotated[bool, typer.Option("--all", help="All models that are bundled.")] = False,
@@ -291,7 +320,7 @@ def train(
         typer.echo(path)
 
 
-@app.command()
+@app.command(rich_help_panel=_PAPER)
 def search(
     strategy: Annotated[str, typer.Option(help="grid, random, halving or optuna")] = "grid",
     m: Annotated[int, typer.Option("--m", help="Of how many most accurate the least complex is chosen.")] = 10,
@@ -322,7 +351,7 @@ def search(
     _print_tables({title: result.table}, as_json)
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+@app.command(rich_help_panel=_CAMERA, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def lab(
     context: typer.Context,
     folder: Annotated[Path, typer.Argument(help="Your copy of the notebooks.")] = Path("crfbench-notebooks"),
@@ -350,27 +379,42 @@ def _print_tables(
     if as_json:
         typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
         return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    # Rich colours a terminal only, where NO_COLOR is not set; without a terminal a line has 80 characters.
+    console = Console(width=1000 if columns is True else None, highlight=False)
     for title, frame in tables.items():
         told = frame.dropna(axis=1, how="all")
         shown = told if columns is True else told[[name for name in columns if name in told]]
         same = [name for name in shown if len(shown) > 1 and shown[name].nunique(dropna=False) == 1]
-        lines = [f"{name}: {shown[name].iloc[0]}" for name in same]
-        text = shown.drop(columns=same).apply(_aligned).to_string(index=False)
-        typer.echo("\n".join([*textwrap.wrap(title, 80), *lines, text, ""]))
+        shown = shown.drop(columns=same)
+        typer.echo("\n".join([*textwrap.wrap(title, 80), *(f"{name}: {told[name].iloc[0]}" for name in same)]))
+        printed = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+        for name in shown:
+            text = shown[name].dtype.kind == "O"
+            phrases = text and shown[name].str.contains(" ").any()
+            printed.add_column(name, justify="left" if text else "right", no_wrap=not phrases)
+        for row in shown.apply(_aligned).astype(str).itertuples(index=False, name=None):
+            printed.add_row(*(Text(cell, _STYLES.get(cell, "")) for cell in row))
+        console.print(printed)
+        typer.echo()
 
 
 def _aligned(column: "Series[Any]") -> "Series[Any]":
-    """Write the numbers of a column with as many digits after the point as give the largest three."""
+    """Write the numbers of a column with the digits that give the largest three, or as the paper writes 3.60E-2."""
+    from crfbench.paper.verdicts import scientific
+
     if column.dtype.kind != "f" or not column.any():
         return column
     sizes = column.abs()[column != 0].dropna()
     digits = max(0, 2 - math.floor(math.log10(sizes.max())))
-    written = "{:.2g}" if sizes.max() > 1000 * sizes.min() else f"{{:.{digits}f}}"
-    return column.map(written.format).where(column.notna(), "-")
+    write = scientific if sizes.max() > 30 * sizes.min() else f"{{:.{digits}f}}".format
+    return column.map(write, na_action="ignore").fillna("-")
 
 
-# Help lists first what is used on one's own camera.
-app.registered_commands.sort(key=lambda command: command.callback not in (calibrate, linearise, convert, lab))
+app.registered_commands.sort(key=lambda command: _PANELS.index(str(command.rich_help_panel)))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -385,5 +429,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if error.name != "torch":
             raise
         sentence = "PyTorch is not installed, and this command needs it: pip install torch"
-    typer.echo(f"crfbench: {sentence}", err=True)
+    typer.echo(f"crfbench: {_with_options(sentence)}", err=True)
     sys.exit(2)
+
+
+def _with_options(sentence: str) -> str:
+    """Name options as they are typed where a sentence names arguments of Python, as in ``white_level=3``."""
+    group: Any = typer.main.get_command(app)
+    commands = [*group.commands.values(), *group.commands["table"].commands.values()]
+    options = {option.name: max(option.opts, key=len) for command in commands for option in command.params}
+    typed = options | {"which": "--data", "key": "WHICH"}
+    return re.sub(r"\b(\w+)=(?=\S)", lambda found: f"{typed[found[1]]} " if found[1] in typed else found[0], sentence)

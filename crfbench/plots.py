@@ -21,6 +21,7 @@ from crfbench.search.result import architecture, mark_choice, pareto_front
 
 if TYPE_CHECKING:
     from crfbench.calibration import Calibration
+    from crfbench.models import SLR
 
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -132,24 +133,19 @@ def _show_picture(ax: Axes, pixels: np.ndarray) -> None:
     ax.set_axis_off()
 
 
-def plot_linearised(jpeg: ArrayLike, linear: ArrayLike, patches: pd.DataFrame) -> list[Axes]:
-    """Draw a photograph, the same linearised, and how straight its patches lie against their RAW values.
+def plot_linearised(patches: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Draw how straight patches lie against their RAW values, as they are and linearised.
 
-    `jpeg` and `linear` have shape (h, w, 3) and values in [0, 1]; the table has columns raw, jpeg and linear, in shares
-    of full scale. Without a RAW file raw is NaN.
+    The table has columns raw, jpeg and linear, in shares of full scale. Without a RAW file raw is NaN.
     """
-    _, axes = plt.subplots(1, 3, figsize=(11.0, 3.2), layout="constrained")
-    for ax, picture, title in zip(axes, (jpeg, linear), ("JPEG: brightness", "linearised: irradiance"), strict=False):
-        _show_picture(ax, np.asarray(picture))
-        ax.set_title(title)
+    ax = new_axes(ax, 3.8, 3.5)
     looks = {"jpeg": ("JPEG", "0.6", "s"), "linear": ("linearised", PALETTE[0], "o")}
     for column, (label, colour, marker) in looks.items():
-        axes[2].scatter(patches["raw"], patches[column], s=10, color=colour, marker=marker, label=label)
-    axes[2].plot([0, 1], [0, 1], color="0.6", lw=0.8, ls=":", zorder=0)
-    axes[2].set(xlabel="RAW (share of full scale)", ylabel="share of full scale", xlim=(0, 1), ylim=(0, 1))
-    axes[2].set(aspect="equal", title="patches against RAW")
-    axes[2].legend(fontsize="small")
-    return list(axes)
+        ax.scatter(patches["raw"], patches[column], s=10, color=colour, marker=marker, label=label)
+    unit_square(ax, "forward")
+    ax.set(xlabel="RAW (share of full scale)", ylabel="share of full scale")
+    ax.legend(fontsize="small")
+    return ax
 
 
 def plot_residuals(result: "Calibration", index: int = 0, ax: Axes | None = None) -> Axes:
@@ -233,6 +229,31 @@ def _densities(latents: np.ndarray) -> np.ndarray:
     """Return histograms (e, 40) of latents (e, n) as densities."""
     counts = [np.histogram(np.clip(row, -_REACH, _REACH), _BINS)[0] for row in latents]
     return np.array(counts) / (latents.shape[1] * (_BINS[1] - _BINS[0]))
+
+
+def plot_network(model: "SLR", curve: ArrayLike, ax: Axes | None = None) -> Axes:
+    """Draw an SLR as the paper's figure 1: a curve (1024,), the layers with their neurons, and the decoded curve.
+
+    Below the waist are the latents of the training curves beside their objective N(0, 1).
+    """
+    ax, encoder = new_axes(ax, 10.0, 4.6), [len(GRID), *model.hidden]
+    sizes, waist = [*encoder, model.n_params, *encoder[::-1]], len(encoder)
+    heights = 0.06 + np.log(sizes) / np.log(len(GRID))
+    ax.fill_between(range(len(sizes)), heights, -heights, color="0.5", alpha=0.15, lw=0)
+    ax.plot([waist, waist], [-0.5, -1.6], color="0.6", lw=0.8, ls=":")
+    for i, (size, height) in enumerate(zip(sizes, heights, strict=True)):
+        dots, colour = min(size, 2 + int(20 * height)), PALETTE[1] if i < waist else PALETTE[0]
+        ax.plot(np.full(dots, i), np.linspace(-height, height, dots) if dots > 1 else [0], "o", ms=5, color=colour)
+        ax.text(i, -height - 0.22, str(size), ha="center")
+        ax.text(i, 1.2, {waist - 1: "encoder", waist: "z", waist + 1: "decoder"}.get(i, ""), ha="center")
+    ends = ((-2.2, curve, "in"), (len(sizes) - 0.4, model.decode(model.encode(curve))[0], "out"))
+    for (x, samples, title), colour in zip(ends, (PALETTE[1], PALETTE[0]), strict=True):
+        inset = ax.inset_axes((x, -0.6, 1.6, 1.2), transform=ax.transData, xticks=(), yticks=(), title=title)
+        inset.plot(GRID, np.asarray(samples), color=colour)
+    plot_latent_histogram(model.weights_["latents"], ax.inset_axes((waist - 1.5, -3.0, 3, 1.3), transform=ax.transData))
+    ax.set(xlim=(-2.3, len(sizes) + 1.3), ylim=(-3.4, 1.4))
+    ax.set_axis_off()
+    return ax
 
 
 def plot_latent_histogram(latents: ArrayLike, ax: Axes | None = None) -> Axes:

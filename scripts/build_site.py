@@ -33,7 +33,7 @@ from crfbench.files import write_atomically
 from crfbench.history import load_history
 from crfbench.models import MODELS
 from crfbench.paper import figures, report
-from crfbench.paper.results import load_recorded
+from crfbench.paper.results import load_recorded, load_results
 from crfbench.widgets import EpochPlayer, LatentExplorer
 from crfbench.widgets.assets import join
 from crfbench.widgets.page import document, island
@@ -43,13 +43,14 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = {
     "index.html": "crfbench",
     "report.html": "Report",
+    "paper.html": "Map of the paper",
     "own-model.html": "Your own model",
     "floors.html": "Floors",
     "contributing.html": "Contributing",
     "api/index.html": "API reference",
 }
 #: Functions whose figures hold pictures, which stay as they are on a dark page; line drawings are turned dark.
-PICTURES = {"plot_chart", "plot_linearised", "plot_latent_epochs"}
+PICTURES = {"plot_chart", "plot_latent_epochs"}
 NUMBER = re.compile(r"([-+−]?[\d.,]+(e[-+]?\d+)?( ?%)?|NaN|)", flags=re.IGNORECASE)
 
 
@@ -63,7 +64,8 @@ def build(folder: Path) -> None:
     write_page(folder, "contributing.html", contributing_body())
     write_reference(folder / "api")
     write_page(folder, "api/index.html", reference_body())
-    write_page(folder, "report.html", report.report_body())
+    write_page(folder, "report.html", report.report_body(site=True))
+    write_page(folder, "paper.html", paper_body())
 
 
 def write_page(folder: Path, name: str, body: str) -> None:
@@ -100,6 +102,25 @@ def index_body() -> str:
     return f"{markdown_to_html(_page_links(text))}\n<h2>Notebooks</h2>\n<ul>{items}</ul>"
 
 
+def paper_body() -> str:
+    """Return the map of the paper, with its figures as they are rebuilt here."""
+    shown = []
+    for name, said in figures.captions().items():
+        picture = _data_address(figures.picture(figures.PAPER_FIGURES[name](load_results()), "png", {}))
+        alt, caption = map(html.escape, (said["alt"], said["caption"]))
+        kind = ' class="as-it-is"' if name == "figure_3" else ""
+        shown.append(
+            f'<figure id="{name}"><img{kind} alt="{alt}" src="{picture}"><figcaption>{caption}</figcaption></figure>'
+        )
+        plt.close("all")
+    return (
+        "<h1>The paper, and where each part of it is rebuilt</h1>\n<p>What the paper numbers, then its claims; "
+        '<a href="#figures">our figures</a> stand below, and what the verdicts rest on in the '
+        f'<a href="report.html">report</a>.</p>\n{report.map_body(site=True)}\n<h2 id="figures">Our figures, in the '
+        f"paper's layout</h2>\n{''.join(shown)}"
+    )
+
+
 def markdown_to_html(markdown: str) -> str:
     """Return Markdown as HTML, without a mark to link to behind each heading."""
     renderer = IPythonRenderer(escape=False, exclude_anchor_links=True)
@@ -130,7 +151,7 @@ def _data_address(png: bytes) -> str:
 
 
 def _page_links(markdown: str) -> str:
-    return re.sub(r"\]\(([^):]+)\.ipynb\)", r"](\1.html)", markdown)
+    return re.sub(r"\]\(([^):]+)\.ipynb(#[^)]*)?\)", r"](\1.html\2)", markdown)
 
 
 def notebook_body(notebook: NotebookNode) -> str:
@@ -152,6 +173,8 @@ def notebook_body(notebook: NotebookNode) -> str:
 def _show(output: NotebookNode, name: str, source: str, heading: str) -> None:
     """Change an output to what a page without Python can show."""
     data = output.data
+    if "text/markdown" in data:
+        data["text/markdown"] = _page_links(data["text/markdown"])
     if "application/vnd.jupyter.widget-view+json" in data:
         output.data = NotebookNode({"text/html": _widget(data["text/plain"], name)})
     elif "<table" in data.get("text/html", ""):

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
+from crfbench.calibration import Observations, calibrate
 from crfbench.camera import measuring, reading
 from crfbench.camera.measuring import (
     chart_confidence,
@@ -21,6 +22,7 @@ from crfbench.camera.measuring import (
     measure_chart,
     measure_photograph,
     orient,
+    weighed_by_scatter,
 )
 from crfbench.camera.photographs import Pair, exposure_steps, pair_photographs
 from crfbench.camera.reading import Exif, read_exif, read_image, read_levels, read_raw
@@ -29,6 +31,7 @@ from crfbench.datasets import load_opencrf, load_patches, registry
 from crfbench.datasets.chart import load_labels, save_labels
 from crfbench.datasets.middlebury import patch_intensity
 from crfbench.errors import FormatError, InputError
+from crfbench.models import load_model
 from tests.support.photographs import write_pair
 from tests.support.scenes import render_chart
 
@@ -636,3 +639,34 @@ def test_no_photographs_make_an_empty_table():
     assert patches.empty
     assert "jpeg_r" in patches.columns
     assert (measured, problems) == ({}, [])
+
+
+# --- what scatters
+
+
+def scattering(dark, photographs=4):
+    """See 24 patches through a gamma, the darkest readings with that standard deviation of their brightness."""
+    light = np.geomspace(0.2, 0.9, 24) * 2.0 ** -np.arange(photographs)[:, None]
+    bright = light ** (1 / 2.2)
+    noise = np.random.default_rng(2).standard_normal(bright.shape)
+    return Observations(bright + np.where(bright < 0.3, dark, 0.004) * noise, light[0])
+
+
+def test_readings_that_scatter_more_count_less():
+    found = calibrate(load_model("Gamma-1"), scattering(0.04))
+    weights, b = weighed_by_scatter(found).weights[0], found.observations.brightness[0]
+    assert weights[b < 0.3].max() < 0.5
+    assert weights[b > 0.4].min() > 0.7
+    assert weights.max() == 1.0
+
+
+def test_one_photograph_tells_no_scatter():
+    found = calibrate(load_model("Gamma-1"), scattering(0.04, photographs=1))
+    np.testing.assert_allclose(weighed_by_scatter(found).weights, 1.0)
+
+
+def test_an_error_of_the_reference_is_no_scatter():
+    seen = scattering(0.0)
+    wrong = Observations(seen.brightness, seen.reference * np.where(np.arange(24) < 12, 1.5, 1.0))
+    weights = weighed_by_scatter(calibrate(load_model("Gamma-1"), wrong)).weights
+    assert weights.min() > 0.4

@@ -16,7 +16,7 @@ from crfbench.paper import claims as module
 from crfbench.paper import claims_data
 from crfbench.paper.claims import claims_table, papers_impossible_spreads, speed_ratio, verdict_counts
 from crfbench.paper.claims_data import emor_energy, printed_variance, smoothness_loss
-from crfbench.paper.findings import does_not_follow, holds
+from crfbench.paper.findings import does_not_follow, holds, summary
 from crfbench.paper.printed import CALIBRATION, FITTING, SIGNIFICANT_RMSE, STABILITY
 from crfbench.paper.results import PaperResults, load_recorded, load_results
 from crfbench.paper.verdicts import CHECKS, RULES, Claim, claim, scientific
@@ -76,9 +76,8 @@ def test_a_claim_needs_nothing_but_its_function(results, monkeypatch):
 
     found = rows(results)
     assert listed == [rows]
-    assert found == Claim(
-        "there are so many rows", "7", "2688", "2688", "", "crfbench.load_patches", "reproduced", "Counted."
-    )
+    what = "there are so many rows"
+    assert found == Claim(what, "7", "2688", "2688", "", "crfbench.load_patches", "reproduced", "Counted.", what)
     assert rows(replace(results, patches=results.patches[:5])).verdict == "differs"
 
 
@@ -95,6 +94,28 @@ def test_counts_add_up(claims):
     assert counts.loc["Table 1"].to_dict() == {
         "reproduced": 4, "differs": 10, "holds": 0, "does not hold": 0, "undecided": 0, "not comparable": 0,
     }  # fmt: skip
+
+
+def test_what_is_said_twice_counts_once(claims, results):
+    once = verdict_counts(claims, distinct=True)
+    repeated = len(claims[claims["where"].str.fullmatch(r"Table \d")]) + 3 + 1  # speed four times, ten-folds twice
+    assert once.loc["all"].sum() == len(claims) - repeated + 5 + len(STABILITY) + len(CALIBRATION)
+    means = results.calibration["verdict"][: len(CALIBRATION)].value_counts()
+    assert once.loc["Table 3"][["reproduced", "differs"]].tolist() == [means["reproduced"], means["differs"]]
+    assert once.loc["Table 1", "reproduced"] == 1  # EMoR
+    # The verdict on the first stands for all but in Table 3, so they must not contradict each other.
+    others = claims[claims["where"] != "Table 3"].groupby("group")["verdict"].nunique()
+    assert (others == 1).all()
+
+
+def test_the_summary_has_the_counts_of_both_kinds(claims):
+    text = summary(claims)
+    for distinct in (False, True):
+        n = verdict_counts(claims, distinct=distinct).loc["all"]
+        assert f"{n.sum()} numbers and claims {n.sum() - n['not comparable']} can be compared" in text
+        assert f"{n['reproduced'] + n['holds']} are reproduced or hold" in text
+    assert text.startswith("The idea holds")
+    assert summary(claims.iloc[:-1]) != text
 
 
 def test_cells_of_table_3_follow_the_rule(claims, results):
@@ -172,6 +193,13 @@ def test_other_statements_turn_with_the_results(results):
         trainings.loc[trainings["constraint"] == "ldl", ["kl", "ks"]] = kl, ks
         assert check("ldl_best")(other).verdict == expected
     assert check("classical_models")(results).verdict == "undecided"
+    assert check("state_of_the_art")(results).verdict == "undecided"
+    slr = results.fitting["model"] == "SLR-ldl-1-forward"
+    for factor, expected in ((0.001, "holds"), (100, "does not hold")):
+        fitting = results.fitting.assign(
+            mean_rmse=results.fitting["mean_rmse"].where(~slr, results.fitting["mean_rmse"] * factor)
+        )
+        assert check("state_of_the_art")(replace(results, fitting=fitting)).verdict == expected
     assert check("camera_count")(replace(results, patches=results.patches.iloc[:10])).verdict == "differs"
     search = results.search.assign(seconds=61.0)
     assert check("candidate_time")(replace(results, search=search)).verdict == "does not hold"

@@ -74,8 +74,73 @@ def test_numbers_of_a_column_are_aligned_and_none_is_lost(capsys):
     _print_tables({"title": table}, as_json=False, columns=("model", "like", "far"))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split() for line in lines[1:5]] == [
-        ["model", "like", "far"], ["a", "0.250", "1e-07"], ["b", "0.500", "1"], ["c", "-", "0"],
+        ["model", "like", "far"], ["a", "0.250", "1.00E-7"], ["b", "0.500", "1.00E0"], ["c", "-", "0.00E0"],
     ]  # fmt: skip
+
+
+def test_a_terminal_has_colours_and_a_pipe_or_no_color_none(monkeypatch, capsys):
+    import pandas as pd
+
+    from crfbench.cli import _print_tables
+
+    def printed(**variables):
+        for name in ("NO_COLOR", "FORCE_COLOR"):
+            monkeypatch.delenv(name, raising=False)
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        _print_tables({"title": pd.DataFrame({"model": ["a", "b"], "verdict": ["holds", "differs"]})}, as_json=False)
+        return capsys.readouterr().out
+
+    monkeypatch.setenv("TERM", "xterm")
+    assert "\x1b[32mholds" in printed(FORCE_COLOR="1")
+    assert "\x1b[3" not in printed(FORCE_COLOR="1", NO_COLOR="1") + printed()
+    assert [line.split() for line in printed().splitlines()[1:4]] == [
+        ["model", "verdict"],
+        ["a", "holds"],
+        ["b", "differs"],
+    ]
+
+
+def test_the_map_fits_80_columns_and_says_all_when_wide_or_json():
+    short, wide = (run_command("paper", *more).stdout for more in ((), ("--wide",)))
+    assert max(map(len, short.splitlines())) <= 80
+    rows = json.loads(run_command("paper", "--json").stdout)
+    for row in rows:
+        assert row["cell"] in short
+        assert all(text in wide for text in row.values())
+    assert set(rows[0]) == {"item", "what", "function", "cell", "command", "recorded", "figure", "verdict"}
+
+
+def test_help_lists_commands_by_use_and_h_asks_for_it():
+    shown = run_command("-h").stdout
+    assert shown == run_command("--help").stdout
+    names = [
+        "calibrate",
+        "linearise",
+        "convert",
+        "lab",
+        "paper",
+        "tables",
+        "report",
+        "search",
+        "table",
+        "data",
+        "fetch",
+    ]
+    places = [shown.index(f"│ {name} ") for name in names]
+    assert places == sorted(places)
+    assert "--patches" in run_command("table", "calibration", "-h").stdout
+
+
+def test_a_shell_can_complete(monkeypatch):
+    monkeypatch.setenv("_CRFBENCH_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "crfbench ta")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys; sys.argv[0] = 'crfbench'; from crfbench.cli import main; main()"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.split() == ["tables", "table"]
 
 
 def test_data_lists_every_set():
@@ -90,15 +155,17 @@ def test_data_lists_every_set():
     ("args", "words"),
     [
         (["table", "fitting", "--data", "dorf"], "run 'crfbench fetch dorf'"),
-        (["table", "fitting", "--data", "nonsense"], "which='nonsense' is not known; use one of auto, dorf, opencrf"),
-        (["table", "fitting", "--direction", "up"], "direction='up' is not known"),
-        (["fetch", "nonsense"], "nonsense"),
+        (["table", "fitting", "--data", "nonsense"], "--data 'nonsense' is not known; use one of auto, dorf, opencrf"),
+        (["table", "fitting", "--direction", "up"], "--direction 'up' is not known"),
+        (["table", "chart-free", "--method", "lm"], "--method 'lm' is not known; use one of map, posterior"),
+        (["fetch", "nonsense"], "WHICH 'nonsense' is not known"),
+        (["calibrate", camera.EXAMPLE_FOLDER, "--white-level", "3"], "--white-level 3 is out of range"),
         (["train"], "no model is named; use --all or some of: SLR-baseline-1"),
         (["train", "LDL"], "'LDL' is not a valid name of a model; use one such as 'SLR-ldl-1'"),
         (["calibrate", ".", "--model", "SLR-none-1"], "no model 'SLR-none-1' is bundled; use one of SLR-"),
         (["tables", "--out", os.devnull], f"{os.devnull} cannot be used: "),
         (["report", "--out", "."], ". cannot be used: "),
-        (["search", "--seed", "-1"], "seed=-1 is out of range; use a whole number from 0"),
+        (["search", "--seed", "-1"], "--seed -1 is out of range; use a whole number from 0"),
     ],
 )
 def test_mistakes_are_one_sentence_and_status_2(args, words):

@@ -241,7 +241,7 @@ def test_an_image_becomes_the_camera_s_raw(folder, result, tmp_path):
         "linearise", path, "--response", tmp_path / "response.cube", "--out", tmp_path / "no.tif", "--to", "camera"
     )
     assert done.returncode == 2
-    assert "to='camera' needs a colour matrix" in done.stderr
+    assert "--to 'camera' needs a colour matrix" in done.stderr
     assert not (tmp_path / "no.tif").exists()
 
 

@@ -115,7 +115,7 @@ def server():
 def known(url: str) -> dict[str, DataSet]:
     files = tuple(RemoteFile(p, f"{url}/{p}", sha256(c)) for p, c in CONTENT.items() if p.startswith("set/"))
     mat = RemoteFile("dorf/a.mat", f"{url}/dorf/a.mat", sha256(CONTENT["dorf/a.mat"]))
-    names = RemoteFile(ZIP, f"{url}/{ZIP}", None, "curves load without names")
+    names = RemoteFile(ZIP, f"{url}/{ZIP}", None, "names come with the zip")
     sets = (
         DataSet("opencrf", "", ""),
         DataSet("dorf", "", "", (mat, names)),
@@ -294,7 +294,7 @@ def test_a_bad_zip_then_a_second_try(server, folder, monkeypatch, content, messa
     server.faults[ZIP] = content
     said = refused("dorf")
     assert message in said
-    assert "(curves load without names)" in said
+    assert "(all else is in place; names come with the zip)" in said
     assert files_in(folder) == ["dorf/a.mat"]
     assert files_in(folder.parent) == ["data/dorf/a.mat"]
     server.faults.clear()

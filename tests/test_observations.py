@@ -199,3 +199,12 @@ def test_masks_within_a_list_are_not_lost(kind):
     with pytest.raises(InputError, match="brightness holds 1 masked values; fill them"):
         Observations(kind(rows), [1.0, 2.0, 4.0])
     assert Observations(kind(rows[1:]), [1.0, 2.0, 4.0]).brightness.tolist() == [[[0.3, 0.6, 0.9]]]
+
+
+def test_weighed_observations_count_for_so_much():
+    seen = Observations([[0.2, 0.5, 0.8], [0.3, 0.6, 0.9]], [1, 2, 3], [0, 1], weights=2.0, colour=0.1, absolute=True)
+    less = seen.weighed(np.array([0.5, 1.0, 0.0]))
+    assert less.weights.tolist() == [[[1.0, 2.0, 0.0]] * 2]
+    assert less.absolute
+    for name in ("brightness", "reference", "exposures", "clipped", "reference_error", "colour"):
+        np.testing.assert_array_equal(getattr(less, name), getattr(seen, name))

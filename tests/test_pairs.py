@@ -190,7 +190,8 @@ def test_many_scenes(tmp_path):
         inside.append(((low <= inverse + 1e-9) & (inverse <= high + 1e-9)).mean())
     assert max(shapes) < 0.005
     assert max(off) < 0.03
-    assert np.mean(inside) > 0.85
+    # Where a scene misleads about white, the whole curve lies outside: one in 20 of `benchmarks.raw_photographs`.
+    assert sum(held < 0.85 for held in inside) <= 1
 
 
 def test_no_photograph_is_left(tmp_path, photograph):

@@ -21,6 +21,13 @@ def test_verdict_goes_by_the_last_printed_digit(ours, printed, expected):
     assert verdict(ours, printed) == expected
 
 
+def test_verdict_goes_by_our_spread_and_by_what_is_near():
+    assert verdict(0.070, "0.062") == "differs"
+    assert verdict(0.070, "0.062", (0.061, 0.08)) == "reproduced"
+    assert verdict(0.070, "0.062", (0.063, 0.08)) == "differs"
+    assert [verdict(ours, "0.057", near=0.005) for ours in (0.062, 0.063)] == ["reproduced", "differs"]
+
+
 def test_tables_are_complete():
     assert len(printed.FITTING) == 14
     assert len(printed.CALIBRATION) == 13

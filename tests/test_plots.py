@@ -120,14 +120,24 @@ def test_chart_outlines_the_patches_where_the_corners_say_and_numbers_four():
     assert max(ax.get_images()[0].get_array().shape) <= 900, "large photographs are thinned"
 
 
-def test_linearised_shows_both_pictures_and_the_patches():
-    dark, bright = np.full((4, 6, 3), 0.1), np.full((4, 6, 3), 0.7)
+def test_linearised_shows_the_patches_before_and_after():
     patches = pd.DataFrame({"raw": [0.1, 0.2], "jpeg": [0.5, 0.8], "linear": [0.1, 0.2]})
-    left, middle, right = plots.plot_linearised(bright, dark, patches)
-    assert left.get_images()[0].get_array().max() > middle.get_images()[0].get_array().max()
-    before, after = (np.asarray(dots.get_offsets()) for dots in right.collections)
+    before, after = (np.asarray(dots.get_offsets()) for dots in plots.plot_linearised(patches).collections)
     np.testing.assert_allclose(before, patches[["raw", "jpeg"]])
     np.testing.assert_allclose(after, patches[["raw", "linear"]])
+
+
+def test_network_names_its_neurons_and_decodes_the_curve_through_the_waist():
+    model = load_model("SLR-monotone-1")
+    curve = load_opencrf().in_direction("inverse")[3]
+    ax = plots.plot_network(model, curve)
+    texts = [text.get_text() for text in ax.texts]
+    assert texts[::2] == ["1024", "50", "20", "1", "20", "50", "1024"]
+    assert texts[1::2] == ["", "", "encoder", "z", "decoder", "", ""]
+    before, after, latents = ax.child_axes
+    np.testing.assert_allclose(before.get_lines()[0].get_ydata(), curve)
+    np.testing.assert_allclose(after.get_lines()[0].get_ydata(), model.decode(model.encode(curve))[0])
+    assert "201 curves" in [text.get_text() for text in latents.get_legend().get_texts()]
 
 
 def test_calibration_draws_what_is_put_beside_it_and_residuals_leave_clipped_patches_out():

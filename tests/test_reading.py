@@ -6,7 +6,6 @@ import struct
 import subprocess
 import sys
 import unicodedata
-from io import BytesIO
 
 import cv2
 import numpy as np
@@ -16,7 +15,7 @@ import pytest
 import rawpy
 import tifffile
 from PIL import Image, ImageOps
-from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
+from PIL.TiffImagePlugin import IFDRational
 
 from crfbench import camera
 from crfbench.camera.photographs import (
@@ -188,30 +187,11 @@ def test_bytes_after_a_jpeg_are_no_part_of_it(tmp_path):
     np.testing.assert_array_equal(read_levels(tmp_path / "a.jpg"), before)
 
 
-def write_dng(path, pixels, orientation=1):
-    """Write linear values (h, w) or (h, w, 3) that need no demosaicing."""
-    tags = photographs._dng_tags(pixels.shape[:2], {TIME: 0.01, F_NUMBER: 5.6, ISO: 100}, "Mono", orientation)
-    for tag in (33421, 33422):  # the mosaic
-        del tags[tag]
-    tags[262] = (3, 34892)
-    channels = pixels[0, 0].size
-    tags |= {277: (3, channels), 258: (3, (16,) * channels), 279: (4, pixels.nbytes)}
-    tags |= {50714: (4, (512,) * channels), 50717: (4, (16383,) * channels)}
-    if channels == 1:
-        for tag in (50721, 50728, 50778):  # the colours
-            del tags[tag]
-    folder, file = ImageFileDirectory_v2(prefix=b"II"), BytesIO()
-    for tag, (kind, value) in tags.items():
-        folder.tagtype[tag], folder[tag] = kind, value
-    folder.save(file)
-    path.write_bytes(file.getvalue() + pixels.astype("<u2").tobytes())
-
-
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("channels", [(), (3,)])
 def test_linear_and_monochrome_dng(tmp_path, channels, orientation):
     sensor = np.random.default_rng(1).integers(400, 16383, (40, 60, *channels), dtype=np.uint16)
-    write_dng(tmp_path / "a.dng", sensor, orientation)
+    photographs.write_linear(tmp_path / "a.dng", sensor, "Mono", orientation)
     exif = Image.Exif()
     exif[0x0112] = orientation
     index = Image.fromarray(np.arange(40 * 60, dtype=np.int32).reshape(40, 60))

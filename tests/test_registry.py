@@ -83,6 +83,16 @@ def test_status_counts_files(folder):
     assert (row("emor")["present"], row("emor")["where"]) == ("complete", str(folder))
 
 
+def test_a_set_that_lacks_only_what_nothing_here_needs_is_complete(folder):
+    put(folder, "dorf/dorfCurves.zip")
+    assert row("dorf")["present"] == "partial (1 of 2)"
+    (folder / "dorf/dorfCurves.zip").unlink()
+    put(folder, "dorf/201_CRF_data.mat")
+    assert row("dorf")["present"] == "complete for everything here (names come with the official zip)"
+    put(folder, "dorf/dorfCurves.zip")
+    assert row("dorf")["present"] == "complete"
+
+
 def test_status_names_both_folders_of_a_divided_set(folder, empty_cache):
     put(folder, "dorf/emor.txt")
     cached = put(empty_cache / "data", "dorf/invemor.txt")

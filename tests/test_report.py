@@ -9,10 +9,11 @@ import pandas as pd
 import pytest
 from markupsafe import escape
 
-from crfbench.paper import report
+from crfbench.paper import figures, report
 from crfbench.paper.claims import claims_table, verdict_counts
 from crfbench.paper.figures import plot_against_paper
-from crfbench.paper.findings import does_not_follow, holds
+from crfbench.paper.findings import does_not_follow, holds, summary
+from crfbench.paper.places import paper_map
 from crfbench.paper.results import leaderboard, load_results
 
 VOID = {"meta", "wbr", "br", "path", "use", "rect"}
@@ -74,7 +75,7 @@ def test_headings_go_down_one_step_at_a_time(outline):
 
 
 def test_tables_have_captions_and_scopes_and_figures_texts(outline):
-    assert len(outline.all("table")) == len(outline.all("caption")) == 5
+    assert len(outline.all("table")) == len(outline.all("caption")) == 7
     assert all(heading.get("scope") in {"col", "row"} for heading in outline.all("th"))
     pictures = outline.all("svg")
     assert len(pictures) == len(outline.all("figcaption")) == 4
@@ -97,19 +98,20 @@ def test_every_claim_and_finding_is_on_the_page(page):
         assert f"<b>{escaped(title)}.</b> {escaped(text)}" in page
     for name, count in verdict_counts(claims).loc["all"].items():
         assert page.count(f"</span> {name}</span></td>") == count
+    assert escaped(summary(claims)) in page
     for model in leaderboard()["model"]:
         assert f'"{model}"' in page
 
 
 def test_text_is_escaped_wherever_it_stands(monkeypatch):
     rows = claims_table().iloc[[0, -1]].copy()
-    for column in rows.columns.drop(["where", "verdict"]):
+    for column in rows.columns.drop(["where", "verdict", "how", "group"]):
         rows[column] = f"<script>{column}</script>"
     monkeypatch.setattr(report, "claims_table", lambda results: rows)
     monkeypatch.setattr(report, "holds", lambda results: {"<i>": '"&'})
     body = report.report_body()
     assert "<b>&lt;i&gt;.</b> &#34;&amp;</li>" in body
-    for column in rows.columns.drop(["where", "verdict"]):
+    for column in rows.columns.drop(["where", "verdict", "how", "group"]):
         assert f"<script>{column}" not in body
         assert body.count(f"&lt;script&gt;{column}&lt;/script&gt;") == 2
 
@@ -137,11 +139,33 @@ def test_figures_show_the_figures_of_the_tables():
     plt.close("all")
 
 
-def test_figures_are_written_as_pdf_too(tmp_path, outline):
-    paths = list(report.write_figures(tmp_path / "figures"))
-    assert len(paths) == len(outline.all("figure"))
+@pytest.mark.slow
+def test_figures_are_written_as_pdf_and_png(tmp_path):
+    paths = list(figures.write_figures(tmp_path / "figures"))
+    assert {path.name for path in paths} >= {name for name in paper_map()["figure"] if name}
+    assert {path.suffix for path in paths} == {".pdf", ".png"}
     for path in paths:
         content = path.read_bytes()
-        assert content.startswith(b"%PDF")
-        assert b"/Subtype /Image" not in content  # lines and letters, not pixels
-    assert [path.read_bytes() for path in report.write_figures(tmp_path / "again")] == [p.read_bytes() for p in paths]
+        assert content.startswith(b"%PDF" if path.suffix == ".pdf" else b"\x89PNG")
+        pixels = path.suffix == ".png" or path.stem == "figure_3"
+        assert pixels or b"/Subtype /Image" not in content  # lines and letters
+    again = figures.write_figures(tmp_path / "again")
+    assert [next(again).read_bytes() for _ in paths] == [path.read_bytes() for path in paths]
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize(("name", "panels"), [("figure_2", 2), ("figure_3", 6), ("figure_4_ours", 4)])
+def test_figures_have_the_papers_panels(name, panels):
+    axes = figures.figure_of(figures.PAPER_FIGURES[name](load_results())).axes
+    titles = [ax.get_title() for ax in axes if ax.get_title()]
+    assert [title[:3] for title in titles] == [f"({letter})" for letter in "abcdef"[:panels]]
+    plt.close("all")
+
+
+def test_the_page_of_the_map_links_to_cells_and_the_file_names_them(page):
+    body = report.map_body(site=True)
+    assert 'href="notebooks/5-dorf-fitting.html#cell-id=cell-05"' in body
+    assert "5-dorf-fitting, cell <code>cell-05</code>" in page
+    for row in paper_map().to_dict("records"):
+        assert escaped(row["what"]) in body
+        assert f"<code>{escaped(row['command'])}</code>" in page

@@ -2,18 +2,20 @@
 
 import re
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import ipywidgets
 import numpy as np
 import pytest
 import traitlets
+from PIL import Image
 
 from crfbench.curves import GRID
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 from crfbench.models import GGCM, PPISP, Gamma, Polynomial
-from crfbench.widgets import ModelExplorer, assets
+from crfbench.widgets import BeforeAfter, ModelExplorer, assets
 from crfbench.widgets.assets import bundle
 
 CURVES = np.stack([GRID**0.5, GRID**2.0, np.sin(GRID * np.pi / 2)])
@@ -70,6 +72,30 @@ def test_fit_is_the_fit_of_the_model(explorer: ModelExplorer, model: GGCM | Poly
     explorer.fit()
     np.testing.assert_array_equal(explorer.params, model.fit(CURVES[index])[0])
     assert explorer._scene["message"].startswith(f"Fitted {explorer.model} to {NAMES[index]}: RMSE ")
+
+
+@pytest.mark.parametrize("model", [GGCM(2), Polynomial(3), PPISP(), PPISP("forward"), Gamma()])
+def test_the_formula_is_that_of_the_curve(model: GGCM | Polynomial | PPISP | Gamma) -> None:
+    explorer = ModelExplorer(NAMES, CURVES, [model])
+    assert explorer._scene["equation"] == model.equation
+    notes = [slider["note"] for slider in explorer._scene["sliders"]]
+    assert len({*notes}) == model.n_params
+    assert all(": " in note for note in notes)
+    if isinstance(model, PPISP):  # an inverse response is written with the axes swapped
+        assert model.equation.startswith("y" if model.direction == "forward" else "x")
+
+
+def test_before_after_sends_a_small_photograph_and_its_curves() -> None:
+    image = np.zeros((600, 960, 3))
+    image[:, :480] = np.array((200, 100, 50)) / 255
+    photo = BeforeAfter(image, CURVES)._photo
+    shown = np.asarray(Image.open(BytesIO(photo["jpeg"])))
+    assert shown.shape == (300, 480, 3)
+    assert np.allclose(shown[150, [100, 400]], [(200, 100, 50), (0, 0, 0)], atol=4)
+    np.testing.assert_allclose(np.frombuffer(photo["curves"], "<f4").reshape(photo["count"], -1), CURVES, atol=1e-6)
+    for wrong in (image * 255, image[..., 0]):
+        with pytest.raises(InputError, match="from 0 to 1"):
+            BeforeAfter(wrong, CURVES)
 
 
 def test_reset_and_a_new_model_start_at_the_mean(explorer: ModelExplorer) -> None:
@@ -235,3 +261,12 @@ def test_arguments_that_do_not_belong_together(
 ) -> None:
     with pytest.raises(InputError, match=message):
         ModelExplorer(names, curves, models)
+
+
+@pytest.mark.parametrize(
+    "entry", [path.name for path in assets._STATIC.glob("*.js") if "export default" in path.read_text()]
+)
+def test_no_name_comes_twice_in_a_bundle(entry: str) -> None:
+    names = re.findall(r"^(?:async )?(?:const|let|function|class) (\w+)", bundle(entry), flags=re.MULTILINE)
+    assert [name for name in set(names) if names.count(name) > 1] == []
+    assert len(names) > 3

@@ -23,10 +23,30 @@ _FREE = 50.0  # stops; exposures that err so much are as the photographs say
 
 @dataclass(frozen=True)
 class Calibration:
-    """Inverse responses (brightness to irradiance) from observations, one for each of the `n` sets.
+    """Inverse responses from observations, one for each of the `n` sets.
 
-    `curves` (n, 1024) are those of `params`, or with method "posterior" the posterior mean. `bands` give, by level
-    (0.5, 0.9), low and high curves, each (n, 1024), between which that share of the posterior lies at every brightness.
+    Parameters
+    ----------
+    model : ResponseModel
+    method : str
+    observations : Observations
+    noise : Noise
+        What `residuals` are weighed with.
+    params : ndarray, shape (n, k)
+        The best by the method's own measure.
+    curves : ndarray, shape (n, 1024)
+        Inverse responses (brightness to irradiance): of `params`, or with method "posterior" the posterior mean.
+    warnings : tuple of tuples of str
+        One tuple for each set.
+    seconds : float
+        For all of them.
+    noise_scale : ndarray, shape (n,), optional
+        By which factor the data scale the stated noise ("map", "posterior").
+    samples : PosteriorSamples, optional
+        The posterior itself ("posterior").
+    bands : dict
+        From level (0.5, 0.9) to the low and high curves, each (n, 1024), between which that share of the posterior
+        lies at every brightness ("posterior").
     """
 
     model: ResponseModel

@@ -39,7 +39,21 @@ _DARKEST = 1e-4
 
 @dataclass(frozen=True, repr=False)
 class ColourCalibration:
-    """Colour matrix and curves of `n` cameras."""
+    """Colour matrix and curves of `n` cameras.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, 3, 3)
+        M; light 1 is brightness 1, so that its rows sum to the white balance.
+    deviation : ndarray, shape (n, 6)
+        Posterior standard deviation of the off-diagonal shares of M, row by row, for RAW that is balanced to grey.
+    told : ndarray of bool, shape (n,)
+        Whether the data tell M; else it is diagonal.
+    soft : ndarray, shape (n,)
+        How softly colours are drawn into the gamut, s above.
+    calibration : Calibration
+        Of 3 n sets, given M: red, green and blue of one camera after another.
+    """
 
     matrix: Array  # shape (n, 3, 3); M; light 1 is brightness 1, so that its rows sum to the white balance
     # shape (n, 6); posterior standard deviation of the shares of M off its diagonal, for RAW that is balanced to grey
@@ -109,6 +123,7 @@ def calibrate_colour(
     model: ResponseModel | None = None,
     method: str = "posterior",
     seed: int = 0,
+    scatter: float = Noise.brightness,
 ) -> ColourCalibration:
     """Find colour matrix and curves of a camera from colours as JPEG and as RAW.
 
@@ -121,18 +136,22 @@ def calibrate_colour(
         How many observations each place counts for; 0 leaves it out. Default 1.
     model, method, seed
         As in `calibrate`; by default the default model, and "posterior".
+    scatter : float
+        Standard deviation of brightness about the curves that is expected; the data may scale it.
     """
+    # The mean of three independent gains has the standard deviation that it has over cameras.
+    noise = Noise(scatter, np.sqrt(3) * _WHITE_SD / np.log(2), fine=Noise.fine * scatter / Noise.brightness)
     model, (jpeg, linear, weight) = model or load_model(DEFAULT_MODEL), _checked(brightness, raw, weights)
     table, n = decode_table(model, seed=seed), len(jpeg)
     every = np.tile(np.arange(n), len(_SOFT))
     pairs = _Pairs(jpeg[every], linear[every], weight[every], np.repeat(_SOFT, n), np.repeat(_MIXED, n))
-    tried = _in_turn(pairs, model, table)
+    tried = _in_turn(pairs, model, table, noise)
     best = tried.log_likelihood.reshape(-1, n)[:-1].argmax(axis=0) * n + np.arange(n)
     deviation = tried.deviation[best]
     told = deviation.max(axis=1) < _TOLD
     rows = np.where(told, best, len(every) - n + np.arange(n))
     pairs, found = _taken(pairs, rows), _taken(tried, rows)
-    calibration = _curves(pairs, found, model, table, method, seed)
+    calibration = _curves(pairs, found, model, table, noise, method, seed)
     matrix = _fit(pairs, calibration.curves.reshape(n, 3, -1), found.matrix).matrix
     matrix = np.where(told[:, None, None], matrix, matrix * np.eye(3))
     return ColourCalibration(matrix, deviation, told, pairs.soft, calibration)
@@ -189,26 +208,26 @@ def _taken(parts: Any, rows: NDArray[np.intp]) -> Any:
     return type(parts)(*(part[rows] for part in parts))
 
 
-def _in_turn(pairs: _Pairs, model: ResponseModel, table: Table) -> _Fit:
+def _in_turn(pairs: _Pairs, model: ResponseModel, table: Table, noise: Noise) -> _Fit:
     """Fit M and curves in turn, from a diagonal M by the mean curve."""
     curves = np.tile(from_knots(np.exp(table.log_prior) @ table.at_knots), (len(pairs.soft), 3, 1))
     start = pairs.middle(evaluate(curves, pairs.jpeg) / np.maximum(pairs.raw, 1e-3), (2,)) * np.eye(3)
     found = _fit(pairs, curves, start)
     for _ in range(_ROUNDS):
-        curves = _curves(pairs, found, model, table, "map", 0).curves.reshape(curves.shape)
+        curves = _curves(pairs, found, model, table, noise, "map", 0).curves.reshape(curves.shape)
         found = _fit(pairs, curves, found.matrix)
     return found
 
 
-def _curves(pairs: _Pairs, found: _Fit, model: ResponseModel, table: Table, method: str, seed: int) -> Calibration:
+def _curves(
+    pairs: _Pairs, found: _Fit, model: ResponseModel, table: Table, noise: Noise, method: str, seed: int
+) -> Calibration:
     """Calibrate the curves given M, up to its gains."""
     light = np.maximum(_drawn(pairs.raw, found.matrix, pairs.soft)[0], _DARKEST)
     white = np.exp(np.log(np.clip(_grey(found.matrix), 1e-2, 1e2)).mean(axis=1))[:, None, None]
     parts = pairs.jpeg, light * white, np.minimum(pairs.told * found.weight, 1e6)
     jpeg, light, weight = (part.reshape(-1, 1, part.shape[2]) for part in parts)
     observations = Observations(jpeg, light[:, 0], [0.0], weights=weight, absolute=True)
-    # The mean of three independent gains then has the standard deviation that it has over cameras.
-    noise = Noise(exposure=np.sqrt(3) * _WHITE_SD / np.log(2))
     return calibrate(model, observations, method, channels=True, noise=noise, seed=seed, table=table)
 
 

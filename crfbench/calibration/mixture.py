@@ -135,7 +135,7 @@ class Readings:
     def __init__(self, observations: Observations, noise: Noise, family: Family) -> None:
         b = observations.brightness
         self.observations, self.noise, self.maps = observations, noise, family.maps
-        self.independent = min(1.0, noise.repeats / b.shape[1])
+        self.independent = b.shape[1] ** (noise.repeats - 1.0)
         # The channels of a coloured patch bend apart, and in each photograph otherwise.
         apart = observations.colour / (_APART_WITH_RAW if observations.absolute else _APART)
         self.weights = observations.weights * self.independent / (1.0 + apart[:, None] ** 2)

@@ -101,8 +101,13 @@ class Observations:
     def from_rgb(cls, rgb: ArrayLike, reference: ArrayLike | None = None, **others: Any) -> Self:
         """Observe intensities, the means of red, green and blue; coloured patches count for less (`colour_error`).
 
-        `rgb`, shape (e, p, 3) or (n, e, p, 3), is the brightness of each channel, from 0 to 1; `reference` and `others`
-        are as in `Observations`.
+        Parameters
+        ----------
+        rgb : array_like, shape (e, p, 3) or (n, e, p, 3)
+            Brightness of each channel, from 0 to 1.
+        reference : array_like, shape (p,) or (n, p), optional
+        **others
+            Further parameters of `Observations`.
         """
         channels = as_finite("rgb", rgb)
         if channels.ndim not in (3, 4) or channels.shape[-1] != 3:
@@ -110,6 +115,14 @@ class Observations:
         colour = colour_error(channels)
         defaults = {"reference_error": np.hypot(REFERENCE_ERROR, colour), "colour": colour}
         return cls(channels.mean(axis=-1), reference, **{**defaults, **others})
+
+    def weighed(self, factor: Array) -> Self:
+        """Let each observation count for so many times as many."""
+        o = self
+        weights = o.weights * factor
+        return type(o)(
+            *(o.brightness, o.reference, o.exposures, o.clipped), weights, o.reference_error, o.absolute, o.colour
+        )
 
     def of_sets(self, sets: slice) -> Self:
         """Keep some of the `n` sets."""

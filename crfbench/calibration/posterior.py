@@ -38,13 +38,13 @@ class Noise:
     freedom: float = 2.0
     # of log irradiance at each reading, of what is too fine for a discrepancy
     fine: float = 0.03
-    # photographs of one scene that count as independent, beside a discrepancy; of more each counts for less, for
-    # light, dirt and glare are the same in all of them
-    repeats: float = 2.0
+    # the power of the number of photographs of one scene that count as independent, beside a discrepancy: light, dirt,
+    # glare and how a curve is missed are much the same in all of them; so four count as two, and with 1 all count
+    repeats: float = 0.5
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            check_number(f"noise {name}", value, _LEAST, np.inf if name == "repeats" else 1 / _LEAST)
+            check_number(f"noise {name}", value, _LEAST, 1.0 if name == "repeats" else 1 / _LEAST)
 
     def relative(self, brightness: Array) -> Array:
         """Return the relative standard deviation of the irradiance that the brightness of a patch tells."""

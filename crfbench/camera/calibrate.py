@@ -13,7 +13,7 @@ from crfbench.calibration import Calibration
 from crfbench.calibration import calibrate as calibrate_observations
 from crfbench.calibration.colour import ColourCalibration, calibrate_colour
 from crfbench.camera.aligning import find_shifts, shifted
-from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart
+from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart, weighed_by_scatter
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.pairs import calibrate_pairs, scene_pairs
 from crfbench.camera.passport import Passport
@@ -166,7 +166,8 @@ def _from_chart(
         raise InputError("exposures are given, but RAW files tell them better; leave out one of the two")
     colour = calibrate_colour(*chart_pairs(patches), model=model) if rgb and with_raw else None
     if colour is None:
-        calibration = calibrate_observations(model, observe_chart(patches, used.stops), "posterior")
+        first = calibrate_observations(model, observe_chart(patches, used.stops), "map")
+        calibration = calibrate_observations(model, weighed_by_scatter(first), "posterior")
     else:
         calibration = colour.calibration
     passport, photographs = _passport(calibration, key, used, created, colour), {p.name: p.jpeg for p in used.pairs}

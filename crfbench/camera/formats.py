@@ -379,10 +379,18 @@ _HEAD_BYTES = 2**16
 
 
 def write_response(passport: Passport, path: str | Path, format: str | None = None, overwrite: bool = False) -> None:
-    """Write the response for another program, in a format of `FORMATS`; by default that of the end of the file's name.
+    """Write the response for another program.
 
-    The passport has as many curves as the format's `channels` say. For "hugin" the published EMoR basis must have been
-    fetched, else this is a `MissingDataError`.
+    For "hugin" the published EMoR basis must have been fetched, else this is a `MissingDataError`.
+
+    Parameters
+    ----------
+    passport : Passport
+        Of as many curves as the format's `channels` say.
+    path : path
+    format : str, optional
+        A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
+    overwrite : bool
     """
     name = _by_ending(path, FORMATS) if format is None else check_choice("format", format, FORMATS)
     if name is None:
@@ -398,11 +406,21 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
 
 
 def read_response(path: str | Path, format: str | None = None) -> Passport:
-    """Read a response that `write_response` or another program wrote, in a format of `FORMATS`.
+    """Read a response that `write_response` or another program wrote.
 
-    By default the content tells which, and the end of the file's name where the content fits several or none. What the
-    format does not carry stays unknown; the passport's `note` says what had to be repaired. A path that leads nowhere
-    is a `MissingDataError`, a file of another format a `FormatError`.
+    A path that leads nowhere is a `MissingDataError`, a file of another format a `FormatError`.
+
+    Parameters
+    ----------
+    path : path
+    format : str, optional
+        A name in `crfbench.camera.FORMATS`; by default the content tells it, and the end of the file's name where the
+        content fits several or none.
+
+    Returns
+    -------
+    Passport
+        What the format does not carry stays unknown; `note` says what had to be repaired.
     """
     if format is not None:
         check_choice("format", format, FORMATS)

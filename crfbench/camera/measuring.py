@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crfbench.calibration import Observations
+from crfbench.calibration import Calibration, Observations
+from crfbench.calibration.mixture import typical_slope
 from crfbench.calibration.observations import colour_error
 from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem, exposure_steps
@@ -242,6 +243,9 @@ _COLUMNS = (
 _RAW_ERROR, _CHART_ERROR = 0.01, 0.05  # relative standard deviation of a patch's irradiance: measured, published
 _DARKEST_RAW = 0.002  # of full scale; below, noise and the black level say more than the light
 _ROUNDS = 20
+# Of scatter: what is near in log brightness, as a share of its range, and how many readings of the usual scatter, in
+# units of the stated noise, are thought to be there before any is seen.
+_NEAR, _FEW_READINGS, _USUAL = 0.125, 2.0, 0.25
 
 
 class MeasuredChart(NamedTuple):
@@ -371,6 +375,26 @@ def observe_chart(patches: "DataFrame", exposures: ArrayLike | None = None) -> O
     return Observations(
         brightness, reference, known_steps, clipped, reference_error=np.hypot(_CHART_ERROR, colour), colour=colour
     )
+
+
+def weighed_by_scatter(found: Calibration) -> Observations:
+    """Let readings of one chart count less where those of near brightness scatter more between its photographs.
+
+    What all photographs of a patch share is no scatter but an error of its reference.
+    """
+    o, (counts,) = found.observations, found.observations.counts
+    if len(counts) == 1:
+        return o
+    b = np.maximum(o.brightness[0], 1 / 255)
+    noise = np.hypot(typical_slope(b) * found.noise.brightness / b, found.noise.fine)
+    off = np.ma.array(found.residuals[0], mask=~counts)
+    off = ((off - np.ma.average(off, axis=0, weights=noise**-2)) / noise)[counts].filled(0.0)
+    logs = np.log(b[counts])
+    near = np.exp(-0.5 * ((logs[:, None] - logs) / (_NEAR * np.ptp(logs))) ** 2)
+    spread = (near @ off**2 + _FEW_READINGS * _USUAL**2) / (near.sum(axis=1) + _FEW_READINGS)
+    factor = np.ones(counts.shape)
+    factor[counts] = np.minimum(1.0, np.median(spread) / spread)
+    return o.weighed(factor)
 
 
 def chart_pairs(patches: "DataFrame") -> tuple[Array, Array, NDArray[np.bool_]]:

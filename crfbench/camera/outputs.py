@@ -35,7 +35,14 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
     """Write passport, exports, report and merged image into a folder, yielding each path as it is complete.
 
     An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out, and of three
-    curves what holds but one. Without `overwrite`, where one of the files is there, nothing is written.
+    curves what holds but one.
+
+    Parameters
+    ----------
+    result : CameraCalibration
+    folder : path
+    overwrite : bool
+        Else, where one of the files is there, `InputError` is raised before anything is written.
     """
     folder = Path(folder)
     held = len(result.passport.curves)
@@ -91,11 +98,21 @@ def linearise_file(
 
 
 def linearised_patches(result: CameraCalibration, name: str) -> "DataFrame":
-    """Measure the chart in the photograph of that name before and after it was linearised.
+    """Measure the chart in one photograph before and after it was linearised.
 
-    The table has a row a patch and channel, without the clipped ones. raw: share of full scale, NaN without a RAW file;
-    jpeg: brightness; linear: irradiance by the calibration, each channel times the factor that brings it nearest to raw
-    (white balance and exposure are no part of a response).
+    Parameters
+    ----------
+    result : CameraCalibration
+        Of photographs of a chart.
+    name : str
+        Of the photograph.
+
+    Returns
+    -------
+    DataFrame
+        One row a patch and channel, without the clipped ones. raw: share of full scale, NaN without a RAW file; jpeg:
+        brightness; linear: irradiance by the calibration, each channel times the factor that brings it nearest to raw
+        (white balance and exposure are no part of a response).
     """
     import pandas as pd
 

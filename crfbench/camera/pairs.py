@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from crfbench.calibration import Calibration
 from crfbench.calibration.colour import RAW_FULL, ColourCalibration, calibrate_colour
 from crfbench.calibration.observations import SATURATED
+from crfbench.calibration.posterior import Noise
 from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem
 from crfbench.camera.reading import read_balance, read_image, read_raw
@@ -42,6 +43,7 @@ _TELLING = 400  # independent pairs that one photograph tells, at most
 _BEYOND, _SCALE = 0.5, 0.25
 # What is left out: this often the usual residual, in brightness, and more than cameras leave anyway.
 _ODD, _ALIKE = 2.0, 0.02
+_SCATTER = 0.005  # of brightness about the curves, that is expected at the least
 
 
 class ScenePairs(NamedTuple):
@@ -75,12 +77,16 @@ def calibrate_pairs(
     jpeg, raw, weights = _padded(list(measured.values()))
     used = np.ones(len(jpeg), dtype=bool)
     while True:
-        found = calibrate_colour(jpeg[used], raw[used], weights[used], model=model)
+        found = calibrate_colour(jpeg[used], raw[used], weights[used], model=model, method="map")
         rms = _unexplained(found, jpeg, raw, weights)
         worst = int(np.argmax(np.where(used, rms, 0.0)))
         if used.sum() < 3 or rms[worst] <= max(_ODD * np.median(rms[used]), _ALIKE):
             break
         used[worst] = False
+    # Where little scatters, the slope at the brightest colours tells where white lies; where much does, it says less.
+    scatter = float(np.clip(np.sqrt((rms[used] ** 2).mean()), _SCATTER, Noise.brightness))
+    found = calibrate_colour(jpeg[used], raw[used], weights[used], model=model, scatter=scatter)
+    rms = _unexplained(found, jpeg, raw, weights)
     unlike = "counts of 255 off what most others tell; calibrate one picture style"
     odd = [
         Problem(path, f"{path.name} is {255 * each:.0f} {unlike}")

@@ -24,6 +24,42 @@ _TEXTS = ("camera", "model", "data_sha256", "version", "created", "note")
 class Passport:
     """One camera's response and what is known of it; what is not known stays at its default.
 
+    Parameters
+    ----------
+    direction : {"inverse", "forward"}
+        Brightness to irradiance, or irradiance to brightness; of the curves and of the band.
+    curves : array_like, shape (1024,), (1, 1024) or (3, 1024)
+        Monotone, from (0, 0) to (1, 1): one curve for intensity, or red, green and blue. Kept read-only.
+    low, high : array_like, same shape, optional
+        A pointwise band about the curves.
+    level : float, optional
+        The probability that the band stands for, such as 0.9; given if and only if the band is.
+    camera : str
+    iso : int, optional
+        Sensitivity setting that the curves hold for.
+    model : str
+        Name of the model that the curves were decoded from, such as "SLR-ldl-3".
+    params : array_like, shape (c, k), optional
+        Its parameters, a row a curve.
+    data_sha256 : str
+        SHA-256 of the data it was calibrated from, 64 small hexadecimal digits.
+    valid_range : tuple of float
+        Lowest and highest brightness, in [0, 1], that the data constrained; beyond it the curves extrapolate.
+    created : str
+        ISO date, such as "2026-01-31"; the caller says it, no clock is read.
+    version : str
+        Of the crfbench that made it; by default this one.
+    white_level : int, optional
+        That counted as brightness 1 in images of 16 bits, where it was not 65535.
+    note : str
+        What was done to the curves of another program as they were read, such as the repair of small falls.
+    matrix : array_like, shape (3, 3), optional
+        What mixes RAW to the light that the three curves bend; given if and only if `soft` and `told` are.
+    soft : float, optional
+        How softly colours are drawn into the gamut, see `crfbench.calibration.colour`.
+    told : bool, optional
+        Whether the data told the matrix; else it is diagonal.
+
     Examples
     --------
     >>> from crfbench.curves import GRID

@@ -92,9 +92,17 @@ def pair_photographs(source: Source) -> tuple[list[Pair], list[Problem]]:
     own preview is. Where there is no RAW file at all, every image stands alone, but for one named as the edited copy of
     another.
 
-    `source` are folders, of which everything else than photographs is passed over, and files. The pairs of a folder
-    come in natural order (img9 before img10), files as given; their names are as short as tells them apart: without the
-    extension, with it, or with folders before it.
+    Parameters
+    ----------
+    source : path or iterable of path
+        Folders, of which everything else than photographs is passed over, and files.
+
+    Returns
+    -------
+    pairs : list of Pair
+        Those of a folder in natural order (img9 before img10), files as given. Their names are as short as tells them
+        apart: without the extension, with it, or with folders before it.
+    problems : list of Problem
     """
     groups: dict[str, list[Path]] = defaultdict(list)
     problems: list[Problem] = []
@@ -373,9 +381,22 @@ def read_series(
 ) -> tuple[list[NDArray[Any]], Array, list[Problem]]:
     """Read the photographs of an exposure series; what cannot be read, or is unlike most, is left out.
 
-    `paths` are a folder or files, `exposures` times, one a path, as `plan_photographs` takes them; by default time,
-    f-number and ISO speed by EXIF. Returns images (h, w, 3) or (h, w) of 8 or 16 bits, their exposures (e,) in stops
-    from the first, and what was left out.
+    Parameters
+    ----------
+    paths : path or iterable of path
+        A folder or files, as `crfbench.camera.read_image` takes them.
+    exposures : optional
+        Times, one a path, as `plan_photographs` takes them; by default time, f-number and ISO speed by EXIF.
+    white_level : int, optional
+        As in `crfbench.camera.read_image`.
+
+    Returns
+    -------
+    images : list of ndarray, shape (h, w, 3) or (h, w)
+        8 or 16 bits.
+    stops : ndarray, shape (e,)
+        Relative to the first photograph that was read.
+    problems : list of Problem
     """
     plan = plan_photographs(paths, exposures, paired=False, white_level=white_level)
     images, plan = read_planned(plan, read_levels)

@@ -108,11 +108,19 @@ def read_image(path: Path, white_level: int | None = None) -> NDArray[np.float32
 
     Turned upright as the file says. Palettes, CMYK, floating point and transparency that varies are refused, as it
     would take a guess to turn them into brightness; alpha that is the same everywhere is dropped. Of a TIFF file of
-    several pages the largest one is read, as the first may be a thumbnail. Another kind of file, a damaged or a too
-    large one is a `FormatError`.
+    several pages the largest one is read, as the first may be a thumbnail.
 
-    `white_level` is white in a file of 16 bits, such as 4095 of a 12-bit camera; by default 65535. Returned are red,
-    green and blue in [0, 1], shape (height, width, 3), or where the file is grey, (height, width).
+    Parameters
+    ----------
+    path : path
+        Another kind of file, a damaged or a too large one is a `FormatError`.
+    white_level : int, optional
+        The level that is white in a file of 16 bits, such as 4095 of a 12-bit camera; by default 65535.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width, 3) or, where the file is grey, (height, width)
+        Red, green and blue in [0, 1].
     """
     levels = read_levels(path, white_level)
     return levels.astype(np.float32) / np.float32(np.iinfo(levels.dtype).max)

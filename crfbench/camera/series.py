@@ -114,7 +114,7 @@ def calibrate_series(
     if exposures is None:
         return _estimated(images, model or load_model(DEFAULT_MODEL), method, n, seed, per_channel)
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
-    noise = Noise(_READING, exposure_error, fine=_FINE, repeats=np.inf)
+    noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
     fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed)
     found, still = fit(_weighted(observations), method), np.ones(observations.brightness.shape, dtype=bool)
@@ -225,7 +225,7 @@ def _weighted(observations: Observations, light: NDArray[np.bool_] | bool = True
     o, counts = observations, observations.counts
     free = counts.sum(axis=(1, 2)) - counts.any(axis=1).sum(axis=1)
     share = np.minimum(1.0, _VALUES * (counts.shape[1] - 1) / np.maximum(free, 1))
-    return Observations(o.brightness, None, o.exposures, o.clipped, o.weights * light * share[:, None, None])
+    return o.weighed(light * share[:, None, None])
 
 
 def sample_series(

@@ -133,7 +133,13 @@ def load_labels(path: Path) -> dict[str, Array]:
 
 
 def save_labels(path: Path, labels: Mapping[str, ArrayLike]) -> None:
-    """Save the corners of photographs, shape (4, 2) by name, sorted by name, as `load_labels` reads them."""
+    """Save the corners of photographs, sorted by name, as `load_labels` reads them.
+
+    Parameters
+    ----------
+    path : path
+    labels : mapping of str to array_like, shape (4, 2)
+    """
     if not all(isinstance(name, str) and name for name in labels):
         raise InputError(f"labels={list(labels)} have a name that is empty or not text; use the photographs' names")
     entries = [{"photograph": name, "corners": as_corners(labels[name]).tolist()} for name in sorted(labels)]

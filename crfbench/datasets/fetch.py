@@ -89,7 +89,7 @@ def _fetch_file(file: RemoteFile, key: str, target: Path, mirror: str | None, pr
         return Path(_retrieve(file, url, path, progress))
     except (CrfbenchError, OSError, ValueError) as error:
         advice = f"try 'crfbench fetch {key}' again later or with --mirror"
-        usable = f" ({file.without})" if file.without else ""
+        usable = f" (all else is in place; {file.without})" if file.without else ""
         raise FetchError(f"{url} could not be fetched: {_reason(error, path)}; {advice}{usable}") from error
 
 

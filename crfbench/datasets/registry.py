@@ -24,7 +24,7 @@ class RemoteFile:
     path: str  # where it lies inside the data folder, with forward slashes
     url: str
     sha256: str | None  # None where none is published; `fetch` then checks what the file says
-    without: str = ""  # what still works when this file cannot be had; empty if nothing does
+    without: str = ""  # what only this file has, where all else works without it; empty if nothing does
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,8 @@ def require(relative_path: str, key: str) -> Path:
 def status() -> list[dict[str, str]]:
     """Say of every known data set whether it is here, by the names of its files; the contents are not read.
 
-    Each has key, what, licence, where, and present: "bundled", "complete", "partial (n of m)" or "absent".
+    Each has key, what, licence, where, and present: "bundled", "complete" (perhaps "for everything
+    here", with what is not), "partial (n of m)" or "absent".
     """
     rows = []
     for entry in known().values():
@@ -102,7 +103,7 @@ def _presence(entry: DataSet) -> tuple[str, str]:
         return "bundled", str(bundled(f"data/{entry.key}.npz"))
     # A set may be divided: some of its files in the user's folder, the rest in the cache.
     homes = [str(home) for file in entry.files if (home := _home(file.path))]
-    where = " and ".join(dict.fromkeys(homes))
-    if len(homes) == len(entry.files):
-        return "complete", where
+    where, absent = " and ".join(dict.fromkeys(homes)), [file for file in entry.files if not _home(file.path)]
+    if all(file.without for file in absent):
+        return f"complete for everything here ({absent[0].without})" if absent else "complete", where
     return (f"partial ({len(homes)} of {len(entry.files)})" if homes else "absent"), where

@@ -65,7 +65,13 @@ class Responses:
         return self.curves if check_direction(direction) == "forward" else invert(self.curves)
 
     def select(self, which: ArrayLike) -> "Responses":
-        """Return some curves as a set of their own: by a mask, bool (n,), or by positions (m,) in the order wanted."""
+        """Return the chosen curves as a set of their own.
+
+        Parameters
+        ----------
+        which : array_like of bool, shape (n,), or of int, shape (m,)
+            A mask over the curves, or positions in the order wanted.
+        """
         try:
             rows = np.atleast_1d(np.arange(len(self))[np.asarray(which)]).tolist()
         except (IndexError, ValueError):

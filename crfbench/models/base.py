@@ -63,13 +63,27 @@ class Prior:
 
 
 class ResponseModel(ABC):
-    """A family of response curves with `n_params` parameters, of a direction, with names in `param_names`.
+    """A family of response curves with `n_params` parameters.
 
-    The `prior_` is learned by `learn_prior`, and `discrepancy_`, how the model misses curves, by
-    `crfbench.learn_discrepancy`; models from `crfbench.load_model` have both.
+    Parameters
+    ----------
+    n_params : int
+    direction : {"inverse", "forward"}
+        Whether a curve is an inverse response or a response (irradiance to brightness).
+
+    Attributes
+    ----------
+    param_names : tuple of str, length n_params
+    prior_ : Prior or None
+        Learned by `learn_prior`; models from `crfbench.load_model` have one.
+    discrepancy_ : Discrepancy or None
+        How the model misses curves, learned by `crfbench.calibration.learn_discrepancy`; bundled models have one.
     """
 
     name: ClassVar[str]
+    #: The formula of a curve y over x, with ^{...} and _{...}, and what each parameter does; for widgets.
+    equation: str = ""
+    param_notes: tuple[str, ...] = ()
 
     def __init__(self, n_params: int, direction: Direction = "inverse") -> None:
         self.n_params = check_count("n_params", n_params)
@@ -103,6 +117,7 @@ class ResponseModel(ABC):
             raise InputError(f"{self!r} has no prior to draw from; use load_model(name) or learn_prior(curves)")
         return self.from_unconstrained(self.prior_.sample(n, seed))
 
+    # Searches and priors need parameters that may take any value; identity serves models whose parameters do.
     def to_unconstrained(self, params: Array) -> Array:
         """Map parameters to unconstrained ones, the space of the prior and of every search; identity here."""
         return params
@@ -135,7 +150,8 @@ class ResponseModel(ABC):
 class ClosedForm(ResponseModel):
     """A model with a formula, which is built from training curves in one step; networks are trained instead."""
 
-    learns: ClassVar[bool] = False  # whether `from_curves` learns the shape of the family
+    #: Whether `from_curves` learns the shape of the family from its curves.
+    learns: ClassVar[bool] = False
 
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int, direction: Direction = "inverse") -> Self:
@@ -149,7 +165,8 @@ def refine(
     """Polish starts by batched least squares in unconstrained parameters and keep the best end of each curve.
 
     `targets` (n, p) are curves or some samples of them; `starts` (n, s, k) are parameters, `s` for each curve.
-    `evaluate` is by default of whole curves. Returns (n, k).
+    `evaluate` turns parameters (m, k) into values (m, p) and Jacobians (m, p, k); by default of whole
+    curves. Returns (n, k).
     """
     n, s, k = starts.shape
     owner = np.repeat(np.arange(n), s)

@@ -29,6 +29,7 @@ class EMoR(ClosedForm):
     """
 
     name = "EMoR"
+    equation = "y = f_{0}(x) + Σ_{i} c_{i} h_{i}(x)"
     learns = True
 
     def __init__(
@@ -36,6 +37,8 @@ class EMoR(ClosedForm):
     ) -> None:
         super().__init__(n_params, direction)
         self.param_names = tuple(f"component {i + 1}" for i in range(self.n_params))
+        part = "c_{%d}: how much of component h_{%d} is added to the mean curve f_{0}"
+        self.param_notes = tuple(part % (i + 1, i + 1) for i in range(self.n_params))
         basis = as_curves(components)
         if n_params > len(basis):
             raise InputError(f"n_params={n_params} is out of range for a basis of {len(basis)}; use 1 to {len(basis)}")

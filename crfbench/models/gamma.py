@@ -23,6 +23,8 @@ class Gamma(ClosedForm):
     """
 
     name = "Gamma"
+    equation = "y = x^{γ}"
+    param_notes = ("γ: below 1 lifts the curve, above 1 lowers it; 1 is the diagonal",)
 
     def __init__(self, direction: Direction = "inverse") -> None:
         super().__init__(1, direction)

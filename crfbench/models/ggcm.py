@@ -26,10 +26,13 @@ class GGCM(ClosedForm):
     """
 
     name = "GGCM"
+    equation = "y = x^{P(x)}, where P(x) = Σ_{i} w_{i} x^{i}"
 
     def __init__(self, n_params: int = 3, direction: Direction = "inverse") -> None:
         super().__init__(n_params, direction)
         self.param_names = tuple(f"w{i}, of x^{i}" for i in range(self.n_params))
+        bends = tuple(f"w_{{{i}}}: how the exponent changes towards white" for i in range(1, self.n_params))
+        self.param_notes = ("w_{0}: the exponent near black", *bends)
         self._powers = GRID ** np.arange(self.n_params)[:, None]
 
     def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:

@@ -23,10 +23,12 @@ class Polynomial(ClosedForm):
     """
 
     name = "Polynomial"
+    equation = "y = Σ_{i} w_{i} x^{i}"
 
     def __init__(self, n_params: int = 3, direction: Direction = "inverse") -> None:
         super().__init__(n_params, direction)
         self.param_names = tuple(f"w{i + 1}, of x^{i + 1}" for i in range(self.n_params))
+        self.param_notes = tuple(f"w_{{{i + 1}}}: how much of x^{{{i + 1}}} is added" for i in range(self.n_params))
         self._powers = GRID ** np.arange(1, self.n_params + 1)[:, None]
 
     def decode(self, params: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:

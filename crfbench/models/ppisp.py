@@ -41,10 +41,19 @@ class PPISP(ClosedForm):
     """
 
     name = "PPISP"
+    equation = "y = [a (x/c)^{t}]^{γ} for x ≤ c, else y = [1 − b ((1 − x)/(1 − c))^{s}]^{γ}; a + b = 1"
+    param_notes = (
+        "t: above 1, shadows stay dark for longer",
+        "s: above 1, bright tones flatten before white",
+        "γ: below 1 brightens the whole picture, above 1 darkens it",
+        "c: where toe and shoulder meet",
+    )
 
     def __init__(self, direction: Direction = "inverse") -> None:
         super().__init__(4, direction)
         self.param_names = ("toe", "shoulder", "gamma", "centre")
+        if direction == "inverse":
+            self.equation = self.equation.translate(str.maketrans("xy", "yx"))
 
     @classmethod
     def from_curves(cls, curves: ArrayLike, n_params: int = 4, direction: Direction = "inverse") -> Self:

@@ -50,9 +50,15 @@ _NAME = re.compile(r"([a-z]+)(?:-([a-z]+))?-(\d+)(?:-(forward|inverse))?", re.IG
 class ModelKey:
     """What tells one model from all others; `str` gives its name.
 
-    The family is one of `MODELS` or "SLR". The constraint of SLR is "baseline", "ldl", "auc", "aae", "vae", "monotone"
-    (LDL with a monotone decoder) or "open" (the same trained on OpenCRF); that of EMoR "published" for the basis of its
-    authors; for the others it is empty.
+    Parameters
+    ----------
+    family : str
+        "Gamma", "Polynomial", "GGCM", "EMoR", "PPISP", "Kernel" or "SLR".
+    constraint : str
+        Of SLR: "baseline", "ldl", "auc", "aae", "vae", "monotone" (LDL with a monotone decoder) or "open" (the same
+        trained on OpenCRF). Of EMoR: "published" for the basis of its authors. Empty for the others.
+    n_params : int
+    direction : {"inverse", "forward"}
 
     Examples
     --------

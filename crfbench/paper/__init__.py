@@ -12,9 +12,10 @@ _NAMES = {
     "paper.calibration": "calibration_table camera_rmse_table chart_free_table",
     "paper.claims": "claims_table verdict_counts",
     "paper.figures": "calibration_figure comparison_figure patch_counts_figure plot_camera_rmse plot_coverage "
-    "plot_fitting plot_validity stability_figure",
-    "paper.findings": "does_not_follow holds",
+    "plot_fitting plot_validity stability_figure write_figures",
+    "paper.findings": "does_not_follow holds summary",
     "paper.fitting": "display_table fitting_table fitting_tables papers_rising_rows",
+    "paper.places": "claims_by_verdict paper_map",
     "paper.printed": "CALIBRATION FITTING STABILITY",
     "paper.report": "latent_slider sortable_leaderboard write_report",
     "paper.results": "latent_table leaderboard load_recorded load_results",

@@ -30,6 +30,7 @@ from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL, ModelKey
 from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
 from crfbench.paper.results import load_recorded
+from crfbench.paper.verdicts import verdict
 
 COLUMNS = (
     "model", "method", "patches", "channel", "mean", "median", "sd", "max", "p95", "low", "high", "difference",
@@ -57,22 +58,36 @@ def calibration_table(
 ) -> pd.DataFrame:
     """Calibrate every camera on one illumination, test on the other, both ways, with every model.
 
-    The patches are "3" (19, 21 and 24 of the grey row), "24" or "random" (ten random triples, the RMSE averaged), the
-    channel "intensity", the mean of red, green and blue as in the paper, or one of them: "r", "g" or "b". The method is
-    one of `crfbench.calibrate`, but for "grid": "lm" does the same where there is one parameter. `rows` are inverse
-    models; `seed` is that of triples, random starts and bootstrap.
+    Parameters
+    ----------
+    patches : {"3", "24", "random"}
+        "3": patches 19, 21 and 24 of the grey row; "24": all; "random": ten random triples, the RMSE averaged.
+    method : str
+        Of `crfbench.calibrate`, but for "grid": "lm" does the same where there is one parameter.
+    channel : {"intensity", "r", "g", "b"}
+        The mean of red, green and blue as in the paper, or one of them.
+    rows : sequence of str or ModelKey
+        Inverse models.
+    discrepancy : bool
+        Whether "map" and "posterior" allow for what the model misses; the paper's method never does.
+    seed : int
+        Of the triples, of the random starts and of the bootstrap.
 
-    The columns are those of `COLUMNS`. A camera's RMSE is that of decoded against RAW irradiance over the 4 x 24
-    patches of the illumination it was not calibrated on, without alignment, averaged over both ways. ``mean`` to
-    ``p95`` are over cameras; ``low`` and ``high`` bound the mean (95 %, bootstrap over cameras). ``difference`` is the
-    mean less that of the first row, with its paired 95 % bounds; ``beyond_0.005`` says whether they lie wholly beyond
-    what the paper calls significant. ``scaled`` is the mean after the one scale that fits best, ``separate`` that of
-    channels which are decoded first and averaged then, and ``separate_scaled`` both (missing for one channel).
-    ``coverage`` is the share of held-out RAW inside the 90 % band for measurements ("posterior"). ``seconds`` is for
-    all calibrations of the row. ``by_paper`` is our mean by the paper's method, recorded for 3 and 24 patches, and
-    ``verdict`` is on it: "reproduced" when the paper's mean lies within 0.005 or inside its bounds, else "differs";
-    "not comparable" unless the patches are the paper's. Rows with the method "floor" are fitted to the test data
-    themselves: no calibration gets below them.
+    Returns
+    -------
+    DataFrame
+        With the columns of `COLUMNS`. A camera's RMSE is that of decoded against RAW irradiance over the 4 x 24
+        patches of the illumination it was not calibrated on, without alignment, averaged over both ways. ``mean``
+        to ``p95`` are over cameras; ``low`` and ``high`` bound the mean (95 %, bootstrap over cameras).
+        ``difference`` is the mean less that of the first row, with its paired 95 % bounds; ``beyond_0.005`` says
+        whether they lie wholly beyond what the paper calls significant. ``scaled`` is the mean after the one scale that
+        fits best, ``separate`` that of channels which are decoded first and averaged then, and ``separate_scaled``
+        both (missing for one channel). ``coverage`` is the share of held-out RAW
+        inside the 90 % band for measurements ("posterior"). ``seconds`` is for all calibrations of the row.
+        ``by_paper`` is our mean by the paper's method, recorded for 3 and 24 patches, and ``verdict`` is on it:
+        "reproduced" when the paper's mean lies within 0.005 or inside its bounds, else "differs"; "not comparable"
+        unless the patches are the paper's. Rows with the method "floor" are fitted
+        to the test data themselves: no calibration gets below them.
     """
     check_choice("method", method, [name for name in METHODS if name != "grid"])
     check_choice("channel", channel, CHANNELS)
@@ -229,8 +244,7 @@ def _beside_paper(case: dict[str, str], ours: dict[str, object], recorded: pd.Da
     mean, low, high = (float(str(ours[name])) for name in ("mean", "low", "high"))
     found["by_paper"] = mean
     if "paper_mean" in found and case["patches"] == "3":
-        near = abs(mean - printed["mean"]) <= SIGNIFICANT_RMSE or low <= printed["mean"] <= high
-        found["verdict"] = "reproduced" if near else "differs"
+        found["verdict"] = verdict(mean, f"{printed['mean']:.3f}", (low, high), SIGNIFICANT_RMSE)
     return found
 
 
@@ -258,17 +272,26 @@ _SIDE = 8  # pixels of a patch in the pictures made for OpenCV, along each side
 def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.DataFrame:
     """Calibrate 14 cameras from four exposures of 24 unknown patches, each illumination by itself.
 
-    The method is "map" or "posterior", with or without a discrepancy, as in `crfbench.calibrate`. The table has one row
-    a model, then OpenCV's, with the columns `CHART_FREE_COLUMNS`. RMSE is against the mean of RAW of the other light:
-    each channel is decoded, then they are averaged, with the one scale that fits best, since exposures alone tell no
-    scale; means over both illuminations of a camera. ``below_...`` count the cameras with an RMSE at or below OpenCV's,
-    one that failed counting as beaten; ``monotone`` is the share of monotone curves, ``failed`` that of calibrations
-    without a finite result.
+    Parameters
+    ----------
+    method : {"map", "posterior"}
+        Of `crfbench.calibrate`.
+    discrepancy : bool
+        Whether it allows for what the model misses.
 
-    Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches as
-    grey pixels, which serves it better than intensities do, and its results are interpolated between the levels that
-    occur.
+    Returns
+    -------
+    DataFrame
+        One row a model, then OpenCV's, with the columns `CHART_FREE_COLUMNS`. RMSE is against the mean of RAW of the
+        other light: each channel is decoded, then they are averaged, with the one scale that fits best, since exposures
+        alone tell no scale; means over both illuminations of a camera. ``below_...`` count the cameras with an RMSE at
+        or below OpenCV's, one that failed counting as beaten; ``monotone`` is the share of monotone curves,
+        ``failed`` that of calibrations without a finite result.
+        Ours are the nearest monotone curves to what the model decodes. OpenCV gets red, green and blue of all patches
+        as grey pixels, which serves it better than intensities do, and its results are interpolated between the levels
+        that occur.
     """
+    check_choice("method", method, ("map", "posterior"))
     chart = patch_arrays(load_patches())
     found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method, discrepancy))) for name in ROWS]
     rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}

@@ -25,7 +25,7 @@ _HERE = "crfbench.paper.claims_data"
 _SMALL_KL = 1e-3
 
 
-@claim("2 and 4.1", "DoRF holds so many responses", how=_DORF, printed="201")
+@claim("2; 4.1", "DoRF holds so many responses", how=_DORF, printed="201")
 def responses(results: PaperResults) -> Claim:
     """Count the curves of DoRF."""
     return Claim(ours=str(results.copies["curves"].item()), why="Counted in the file.")
@@ -124,7 +124,7 @@ def candidate_time(results: PaperResults) -> Claim:
     return Claim(ours=f"{slowest:.0f} s", verdict=in_words(slowest < 60), why=why)
 
 
-@claim("3.2; released program", "the architecture that the search finds", how=_SEARCH, printed="(50, 20)")
+@claim("3.2", "the architecture that the search finds", how=_SEARCH, printed="(50, 20)")
 def architecture_found(results: PaperResults) -> Claim:
     """Compare the choices of the search, by seed, with the released program's."""
     chosen = results.search_seeds[results.search_seeds["chosen"]]

@@ -1,7 +1,9 @@
 """The paper's figures beside ours, and every table and figure written into a folder without a browser."""
 
+import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +26,9 @@ from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
 from crfbench.paper.calibration import calibration_table, camera_rmse_table, chart_free_table
 from crfbench.paper.claims import claims_table
 from crfbench.paper.fitting import fitting_tables
+from crfbench.paper.places import paper_map
 from crfbench.paper.printed import CALIBRATION, STABILITY
-from crfbench.paper.results import PaperResults, latent_table, leaderboard, load_recorded, to_rows
+from crfbench.paper.results import PaperResults, latent_table, leaderboard, load_recorded, load_results, to_rows
 from crfbench.paper.stability import CAMERA, SIZES, stability_curves, stability_table
 from crfbench.plots import MARKERS, PALETTE, STYLES, new_axes, unit_square
 
@@ -208,6 +211,54 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
+def _data_sets(_: PaperResults) -> Axes:
+    responses = load_responses("auto")
+    left, right = plt.subplots(1, 2, figsize=(13, 5), layout="constrained", width_ratios=(1.3, 1))[1]
+    plots.plot_curves(responses.curves, responses.families, direction="forward", ax=left)
+    left.set_title(f"(a) {len(responses.curves)} responses of {responses.dataset}")
+    plots.plot_patches(patch_intensity(load_patches()), ax=right).set_title("(b) patches of 14 cameras")
+    return right
+
+
+def _one_camera(_: PaperResults, method: str = "paper") -> Axes:
+    grid = plt.subplots(2, 2, figsize=(10, 10), layout="constrained")[1].flat
+    for ax, letter, name in zip(grid, "abcd", STABILITY, strict=True):
+        patch_counts_figure(name, method=method, ax=ax).set_title(f"({letter}) {name}, method {method}")
+    return ax
+
+
+#: What the paper numbers, in its layout, by the name of the file; then Figure 4 by our method.
+PAPER_FIGURES: dict[str, Callable[[PaperResults], Axes]] = {
+    "figure_2": _data_sets,
+    "figure_3": lambda _: plots.plot_latent_epochs({name: load_history(name.lower()) for name in _HISTORIES})[0],
+    "figure_4": _one_camera,
+    "figure_4_ours": partial(_one_camera, method="map"),
+    "table_1": lambda results: plot_fitting(results.fitting, "forward"),
+    "table_2": stability_figure,
+    "table_3": calibration_figure,
+    "algorithm_1": lambda results: plots.plot_search(results.search),
+}
+
+
+def captions() -> dict[str, dict[str, str]]:
+    """Return of each of `PAPER_FIGURES` its ``caption``, and what one sees in it, ``alt``."""
+    return pd.read_csv(Path(__file__).with_name("figures.csv"), index_col="figure").to_dict("index")
+
+
+def picture(ax: Axes, kind: str, metadata: Mapping[str, None]) -> bytes:
+    """Return the figure that axes lie in as a file of that kind; `metadata` names what would differ at each run."""
+    content = io.BytesIO()
+    figure_of(ax).savefig(content, format=kind, dpi=200, metadata=dict(metadata))
+    return content.getvalue()
+
+
+def write_figures(folder: Path) -> Iterator[Path]:
+    """Write what the paper numbers (`PAPER_FIGURES`) as PDF and PNG, replacing older ones, and yield each path."""
+    mpl.use("agg")
+    for name, draw in PAPER_FIGURES.items():
+        yield from _written(folder / name, draw(load_results()))
+
+
 def build_results(folder: Path) -> Iterator[Path]:
     """Write every table (JSON and CSV) and every figure (PNG and PDF), yielding each path as it is written.
 
@@ -216,30 +267,39 @@ def build_results(folder: Path) -> Iterator[Path]:
     folder.mkdir(parents=True, exist_ok=True)  # before minutes of work
     mpl.use("agg")
     for name, made in _everything():
-        if isinstance(made, pd.DataFrame):
-            texts = {".csv": made.to_csv(index=False), ".json": json.dumps(to_rows(made), indent=1) + "\n"}
-            for suffix, text in texts.items():
-                write_atomically(folder / f"{name}{suffix}", text.encode())
-                yield folder / f"{name}{suffix}"
-        else:
-            for suffix in (".png", ".pdf"):
-                figure_of(made).savefig(folder / f"{name}{suffix}", dpi=200)
-                yield folder / f"{name}{suffix}"
-            plt.close("all")
+        yield from _written(folder / name, made)
+    yield from write_figures(folder)
+
+
+def _written(path: Path, made: pd.DataFrame | Axes) -> Iterator[Path]:
+    if isinstance(made, pd.DataFrame):
+        csv, rows = made.to_csv(index=False), json.dumps(to_rows(made), indent=1) + "\n"
+        files = {"csv": csv.encode(), "json": rows.encode()}
+    else:
+        files = {"png": picture(made, "png", {}), "pdf": picture(made, "pdf", {"CreationDate": None})}
+        plt.close("all")
+    for kind, content in files.items():
+        write_atomically(path.with_name(f"{path.name}.{kind}"), content)
+        yield path.with_name(f"{path.name}.{kind}")
 
 
 def _everything() -> Iterator[tuple[str, pd.DataFrame | Axes]]:
-    """Compute every table and figure, one at a time, by the name of its file."""
+    """Compute every table, and the figures that the paper lacks, one at a time, by the name of its file."""
     fits = {title.split(",")[0]: table for title, table in fitting_tables().items()}
-    yield from ((f"fitting_{name}", table) for name, table in fits.items())
-    yield "latents", latent_table()
-    yield "claims", claims_table()
-    yield "leaderboard", leaderboard()
-    yield from _calibrations()
-    yield from _curve_figures(load_responses("auto"))
     for name, table in fits.items():
+        yield f"fitting_{name}", table
         yield f"fitting_{name}", plot_fitting(table, "forward")
         yield f"validity_{name}", plot_validity(table, "forward")
+    yield "latents", latent_table()
+    yield "claims", claims_table()
+    yield "paper_map", paper_map()
+    yield "leaderboard", leaderboard()
+    yield from _calibrations()
+    responses, opencrf = load_responses("auto"), load_responses("opencrf")
+    if responses.dataset != opencrf.dataset:
+        yield "spread", plots.plot_spread({"DoRF": responses.curves, "OpenCRF": opencrf.curves})
+    yield "curves_opencrf", plots.plot_curves(opencrf.curves, opencrf.families, direction="forward")
+    yield "comparison", comparison_figure(responses)
 
 
 def _calibrations() -> Iterator[tuple[str, pd.DataFrame | Axes]]:
@@ -251,23 +311,6 @@ def _calibrations() -> Iterator[tuple[str, pd.DataFrame | Axes]]:
     yield "calibration_paper_recorded", load_recorded("calibration_paper")[0]
     yield "stability", stability_table()
     yield "chart_free", chart_free_table()
-    for name in STABILITY:
-        yield f"stability_{name}", patch_counts_figure(name)
     for patches in ("3", "24"):
         yield f"calibration_cameras_{patches}", plot_camera_rmse(camera_rmse_table(patches, rows=_CAMERA_MODELS))
     yield "calibration_coverage", plot_coverage({name: bands[name] for name in ("3 patches", "24 patches")})
-
-
-def _curve_figures(responses: Responses) -> Iterator[tuple[str, Axes]]:
-    opencrf = load_responses("opencrf")
-    yield "curves_opencrf", plots.plot_curves(opencrf.curves, opencrf.families, direction="forward")
-    if responses.dataset != "opencrf":
-        yield (
-            f"curves_{responses.dataset}",
-            plots.plot_curves(responses.curves, responses.families, direction="forward"),
-        )
-        yield "spread", plots.plot_spread({"DoRF": responses.curves, "OpenCRF": opencrf.curves})
-    yield "patches", plots.plot_patches(patch_intensity(load_patches()))
-    yield "comparison", comparison_figure(responses)
-    yield "latent_epochs", plots.plot_latent_epochs({name: load_history(name.lower()) for name in _HISTORIES})[0]
-    yield "search", plots.plot_search(load_recorded("search_dorf")[0])

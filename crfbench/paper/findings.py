@@ -2,7 +2,10 @@
 
 from collections.abc import Callable
 
+import pandas as pd
+
 from crfbench.paper import claims, claims_data
+from crfbench.paper.claims import verdict_counts
 from crfbench.paper.printed import CALIBRATION, FITTING, STABILITY
 from crfbench.paper.results import PaperResults, leaderboard
 from crfbench.paper.verdicts import Claim, scientific
@@ -21,6 +24,28 @@ def holds(results: PaperResults) -> dict[str, str]:
 def does_not_follow(results: PaperResults) -> dict[str, str]:
     """Say what of the paper does not follow from its data and method, and why: from a title to the finding."""
     return {title: say(results) for title, say in _DOES_NOT_FOLLOW.items()}
+
+
+def summary(claims: pd.DataFrame) -> str:
+    """Say in a paragraph what the verdicts on the claims (of `claims_table`) add up to, and that the idea holds."""
+    every, once = (_added_up(verdict_counts(claims, distinct=distinct)) for distinct in (False, True))
+    cells = verdict_counts(claims)["differs"]
+    return (
+        "The idea holds: one number stands for a response, and calibrates a camera as well as the models with more "
+        f"do. The paper's own numbers hold less often. Of {every}. Counted once, what the paper says in several places "
+        f"and each row of a table (of Table 3 by its mean), of {once}. The two go together: most of what differs, "
+        f"{cells['Table 3']} cells of Table 3 and {cells['Table 1']} of Table 1, says how the models compare, not what "
+        "one number can do."
+    )
+
+
+def _added_up(counts: pd.DataFrame) -> str:
+    n = counts.loc["all"]
+    good, bad = n["reproduced"] + n["holds"], n["differs"] + n["does not hold"]
+    return (
+        f"{n.sum()} numbers and claims {n.sum() - n['not comparable']} can be compared: {good} are reproduced or hold, "
+        f"{n['undecided']} stay undecided, and {bad} differ or do not hold"
+    )
 
 
 def _finding(title: str, among: dict[str, Say]) -> Callable[[Say], Say]:

@@ -1,24 +1,21 @@
 """The reproduction report as one HTML page that works from a file: claims, findings, figures, leaderboard, slider."""
 
 import html
-import io
 import re
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from matplotlib.axes import Axes
 
 import crfbench
-from crfbench import plots
 from crfbench.datasets import load_responses
 from crfbench.files import write_atomically
 from crfbench.paper.claims import claims_table, verdict_counts
-from crfbench.paper.figures import calibration_figure, figure_of, plot_fitting, stability_figure
-from crfbench.paper.findings import does_not_follow, holds
+from crfbench.paper.figures import PAPER_FIGURES, captions, picture
+from crfbench.paper.findings import does_not_follow, holds, summary
+from crfbench.paper.places import located, paper_map
 from crfbench.paper.results import LEADERBOARD, PaperResults, leaderboard, load_results
 from crfbench.paper.verdicts import RULES
 from crfbench.widgets import LatentExplorer, SortableTable
@@ -47,29 +44,8 @@ _PAGE_COLOURS = {
     "#009e73": "light-dark(#009e73, #2ec495)",
     "#56b4e9": "light-dark(#56b4e9, #a5dbff)",
 }
-#: The figures by the name of their file: what draws each, its caption, and what one sees in it.
-_FIGURES: dict[str, tuple[Callable[[PaperResults], Axes], str, str]] = {
-    "report_fitting": (
-        lambda results: plot_fitting(results.fitting, "forward"),
-        "Table 1: mean RMSE on DoRF by number of parameters. Our best fits as lines, the paper's figures as crosses.",
-        "EMoR's crosses lie on its line; those of SLR, Gamma and most of Polynomial and GGCM lie off theirs.",
-    ),
-    "report_stability": (
-        stability_figure,
-        "Table 2: total variance with 3, 6, 12 and 24 patches, Canon PowerShot G9.",
-        "Total variance, logarithmic: our means with long bars over the seeds, the paper's crosses beside them.",
-    ),
-    "report_calibration": (
-        calibration_figure,
-        "Table 3: mean RMSE of calibration from three patches, by the paper's method.",
-        "Our bars overlap for most models; some of the paper's crosses lie in them, EMoR's lies far to the right.",
-    ),
-    "report_search": (
-        lambda results: plots.plot_search(results.search),
-        "The search: accuracy of 156 candidates against complexity, one seed.",
-        "The most accurate candidates have bars far longer than the differences between them.",
-    ),
-}
+#: What of `crfbench.paper.figures.PAPER_FIGURES` the page shows: what is recorded, as lines and letters.
+_SHOWN = ("table_1", "table_2", "table_3", "algorithm_1")
 
 
 def write_report(path: Path) -> Path:
@@ -79,23 +55,44 @@ def write_report(path: Path) -> Path:
     return path
 
 
-def write_figures(folder: Path) -> Iterator[Path]:
-    """Write the report's figures as PDF files to print, replacing older ones, and yield each path."""
-    results = load_results()
-    for name, (draw, *_) in _FIGURES.items():
-        path = folder / f"{name}.pdf"
-        write_atomically(path, _picture(draw, results, "pdf", {"CreationDate": None}))
-        yield path
-
-
-def report_body() -> str:
+def report_body(site: bool = False) -> str:
     """Return what the page holds, for a `crfbench.widgets.page.document` with report.css.
 
-    It asks the network for nothing, and its tables and sliders need no Python.
+    It asks the network for nothing, and its tables and sliders need no Python. On the site it links to the pages of
+    notebooks and figures; elsewhere these are named.
     """
     results = load_results()
-    claims = claims_table(results)
+    claims = located(claims_table(results))
     tables = {name: claims[claims["where"] == name].to_dict("records") for name in ("Table 1", "Table 2", "Table 3")}
+    return _rendered(
+        "report",
+        site=site,
+        title=TITLE,
+        version=crfbench.__version__,
+        summary=summary(claims),
+        counted={
+            "Everything, by part of the paper and verdict": verdict_counts(claims),
+            "Each claim once, however often it is made, and each row of a table": verdict_counts(claims, distinct=True),
+        },
+        rules=RULES,
+        findings={"holds": holds(results), "does-not-follow": does_not_follow(results)},
+        figures=[
+            (said["caption"], _svg(name, said["alt"], results)) for name, said in captions().items() if name in _SHOWN
+        ],
+        slider=island(latent_slider(), name="latent"),
+        leaderboard=island(sortable_leaderboard(), name="leaderboard"),
+        places=paper_map(results).to_dict("records"),
+        text_claims=claims[~claims["where"].isin(tables)].to_dict("records"),
+        table_claims=tables,
+    )
+
+
+def map_body(site: bool = False) -> str:
+    """Return the map of the paper for a page with report.css; `site` is that of `report_body`."""
+    return _rendered("map", site=site, places=paper_map().to_dict("records"))
+
+
+def _rendered(template: str, **content: object) -> str:
     # The template escapes whatever it is given, but for what it calls safe: our own pictures and widgets.
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
@@ -104,19 +101,7 @@ def report_body() -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.jinja").render(
-        title=TITLE,
-        version=crfbench.__version__,
-        counts=verdict_counts(claims),
-        rules=RULES,
-        marks=_MARKS,
-        findings={"What holds": holds(results), "What does not follow, and why": does_not_follow(results)},
-        figures=[(caption, _svg(draw, results, caption, alt)) for draw, caption, alt in _FIGURES.values()],
-        slider=island(latent_slider(), name="latent"),
-        leaderboard=island(sortable_leaderboard(), name="leaderboard"),
-        text_claims=claims[~claims["where"].isin(tables)].to_dict("records"),
-        table_claims=tables,
-    )
+    return environment.get_template(f"{template}.html.jinja").render(content, marks=_MARKS)
 
 
 def sortable_leaderboard() -> SortableTable:
@@ -131,28 +116,21 @@ def latent_slider() -> LatentExplorer:
     return LatentExplorer(["SLR-ldl-1", "SLR-monotone-1"], load_responses("opencrf"))
 
 
-def _picture(draw: Callable[[PaperResults], Axes], results: PaperResults, kind: str, metadata: dict[str, Any]) -> bytes:
-    """Draw a figure and return it as a file of that kind, the same at each run."""
-    mpl.use("agg")
-    content, figure = io.BytesIO(), figure_of(draw(results))
-    figure.savefig(content, format=kind, metadata=metadata)
-    plt.close(figure)
-    return content.getvalue()
-
-
-def _svg(draw: Callable[[PaperResults], Axes], results: PaperResults, caption: str, alt: str) -> str:
+def _svg(name: str, alt: str, results: PaperResults) -> str:
     """Return a figure as SVG to put into a page: identifiers of its own, colours of the page, and a text."""
+    mpl.use("agg")
     style: dict[Any, Any] = {
         "svg.fonttype": "path",
-        "svg.hashsalt": caption,
+        "svg.hashsalt": name,
         "legend.framealpha": 1.0,  # no line crosses the words
         "savefig.transparent": True,
     }
     with mpl.rc_context(style):
-        metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        svg = _picture(draw, results, "svg", metadata).decode()
-    prefix = re.sub(r"\W+", "-", caption.split(":", maxsplit=1)[0]).lower()
-    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{prefix}-", svg[svg.index("<svg") :])
+        svg = picture(
+            PAPER_FIGURES[name](results), "svg", dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        ).decode()
+    plt.close("all")
+    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{name}-", svg[svg.index("<svg") :])
     for written, shown in _PAGE_COLOURS.items():
         svg = svg.replace(written, shown)
     return svg.replace("<svg ", f'<svg role="img" aria-label="{html.escape(alt)}" fill="currentColor" ', 1)

@@ -23,45 +23,11 @@ CONSTRAINTS = ("ldl", "auc", "aae", "vae", "baseline")
 LATENT_COLUMNS = (
     "model", "n_latent", "direction", "constraint", "mean", "sd", "kl", "ks", "best_mse", "best_rmse", "encoder_mse",
 )  # fmt: skip
-#: Column by column: its heading, how its numbers are written, and what it holds. All are of inverse responses, the
+#: Of each column its heading, how its numbers are written, and what it holds. All are of inverse responses, the
 #: direction that calibration uses.
-LEADERBOARD = {
-    "model": ("model", "", "the model by its name"),
-    "n_params": ("parameters", "", "parameters of one curve"),
-    "learned": (
-        "learned numbers",
-        "{:,}",
-        "numbers that the decoder learned from training curves, the same for every curve",
-    ),
-    "in_sample_rmse": ("RMSE in sample", "{:.4f}", "mean RMSE of the best fits to the 201 inverse responses of DoRF"),
-    "held_out_rmse": (
-        "RMSE held out",
-        "{:.4f}",
-        "the same for curves of films and cameras not learned from (five grouped folds)",
-    ),
-    "nonmonotone": ("not monotone", "{:.0%}", "share of those fits that are not monotone (in sample)"),
-    "out_of_range": ("leaves 0 to 1", "{:.0%}", "share of those fits that leave 0 to 1 (in sample)"),
-    "steepest_slope": (
-        "steepest slope",
-        "{:.1f}",
-        "steepest of all 28 inverse responses calibrated from 24 patches by the model alone, in irradiance per "
-        "brightness: one 8-bit level there changes irradiance by this over 255",
-    ),
-    "calibration_3": (
-        "calibration, 3 patches",
-        "{:.3f}",
-        "mean RMSE over 14 cameras on the illumination not calibrated on, method map, three grey patches",
-    ),
-    "calibration_24": ("calibration, 24 patches", "{:.3f}", "the same with all 24 patches"),
-    "alone_3": (
-        "alone, 3 patches",
-        "{:.3f}",
-        "three grey patches, without what the calibrator adds for the model's misses",
-    ),
-    "alone_24": ("alone, 24 patches", "{:.3f}", "the same with all 24 patches"),
-    "coverage": ("band coverage", "{:.0%}", "share of held-out RAW inside the 90 % band, method posterior, 24 patches"),
-    "fit_ms": ("ms a fit", "{:.2g}", "milliseconds a fit of one DoRF curve took when this was recorded"),
-}
+LEADERBOARD: dict[str, list[str]] = pd.read_csv(
+    Path(__file__).with_name("leaderboard.csv"), index_col="column", keep_default_na=False
+).T.to_dict("list")
 
 
 @dataclass(frozen=True)

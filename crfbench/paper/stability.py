@@ -44,14 +44,26 @@ def stability_table(
 ) -> pd.DataFrame:
     """Calibrate with subsets of the patches and measure how far the curves lie apart, and how far from the truth.
 
-    Takes the camera to show by itself (the paper's is "CanonPowerShotG9"); how many random triples, spread over all
-    cameras and lights (with 0, no other camera is calibrated at all); the names of inverse models; whether "map" and
-    "posterior" allow for what a model misses, which the paper's method never does; and the seed of triples and starts.
+    Parameters
+    ----------
+    camera : str
+        Shown by itself; the paper's is "CanonPowerShotG9".
+    triples : int
+        How many random triples, spread over all cameras and lights; with 0, no other camera is calibrated at all.
+    rows : sequence of str
+        Inverse models.
+    discrepancy : bool
+        Whether "map" and "posterior" allow for what the model misses; the paper's method never does.
+    seed : int
+        Of the triples and of the random starts.
 
-    The columns are those of `COLUMNS`, for each model and the methods "paper", "map" and "posterior": ``camera`` is its
-    name or "all", the mean over all; ``subsets`` is "stated" or "triples"; ``total_variance`` is the mean and
-    ``median`` the median over cameras and lights. See `DEFINITION`; ``rmse`` and the same up to scale are those of
-    triples. The paper's method is run for the one camera only.
+    Returns
+    -------
+    DataFrame
+        With the columns of `COLUMNS`, for each model and the methods "paper", "map" and "posterior": ``camera`` is its
+        name or "all", the mean over all; ``subsets`` is "stated" or "triples"; ``total_variance`` is the mean and
+        ``median`` the median over cameras and lights. See `DEFINITION`; ``rmse`` and the same up to scale are
+        those of triples. The paper's method is run for the one camera only.
     """
     chart = patch_arrays(load_patches())
     check_choice("camera", camera, chart.cameras)

@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterable
 from decimal import Decimal
 from typing import NamedTuple
 
+import numpy as np
+
 from crfbench.paper.printed import SIGNIFICANT_RMSE
 from crfbench.paper.results import PaperResults
 
@@ -11,17 +13,17 @@ from crfbench.paper.results import PaperResults
 TWICE, SLIGHTLY, NEAR_ONE = 1.8, 1.5, 0.1
 #: What each verdict means.
 RULES = {
-    "reproduced": "our figure lies within one unit of the paper's last printed digit, or the paper's lies within the "
+    "reproduced": "our number lies within one unit of the paper's last printed digit, or the paper's lies within the "
     "spread of ours (in Table 3, 95 % of a bootstrap over the cameras); there, also when the two are no more than "
     f"{SIGNIFICANT_RMSE} apart, which the paper calls not significant; counts are equal",
-    "differs": "our figure comes from the same data and, as far as it is described, by the same procedure, and none of "
+    "differs": "our number comes from the same data and, as far as it is described, by the same procedure, and none of "
     "that is so",
-    "holds": "a statement in words, of which our figures say the same; “almost” or “around twice” is a ratio above "
+    "holds": "a statement in words, of which our numbers say the same; “almost” or “around twice” is a ratio above "
     f"{TWICE}, “slightly worse” one below {SLIGHTLY}, and an estimate of 1 is right within {NEAR_ONE}",
-    "does not hold": "a statement in words, of which our figures, or the paper's own, say otherwise",
-    "undecided": "a statement in words, of which our figures say both: their ranges overlap, or it depends on the "
+    "does not hold": "a statement in words, of which our numbers, or the paper's own, say otherwise",
+    "undecided": "a statement in words, of which our numbers say both: their ranges overlap, or it depends on the "
     "measure",
-    "not comparable": "the paper's figure depends on its computer, or cannot be recomputed from what is published",
+    "not comparable": "the paper's number depends on its computer, or cannot be recomputed from what is published",
 }
 
 
@@ -36,6 +38,7 @@ class Claim(NamedTuple):
     how: str = ""  # the function that computes ours
     verdict: str = ""  # by `RULES`
     why: str = ""  # in a sentence
+    group: str = ""  # what it is counted once with: the claim that it repeats, or the row of its table
 
 
 Check = Callable[[PaperResults], Claim]
@@ -43,12 +46,12 @@ Check = Callable[[PaperResults], Claim]
 CHECKS: list[Check] = []
 
 
-def claim(where: str, text: str, how: str, printed: str = "") -> Callable[[Check], Check]:
+def claim(where: str, text: str, how: str, printed: str = "", group: str = "") -> Callable[[Check], Check]:
     """Register the function below as the check of a claim: the section, what it says in our words, and what is printed.
 
     The function gets our results and returns a `Claim` with what was found: ours, why, verdict and perhaps spread. The
     rest is filled in from here; `how` names the function that computes our figure. Without a verdict ours must equal
-    the printed figure, as counts do.
+    the printed figure, as counts do. What the paper says in several places has one `group`, or else it is its own.
 
     ::
 
@@ -61,7 +64,7 @@ def claim(where: str, text: str, how: str, printed: str = "") -> Callable[[Check
         def judged(results: PaperResults) -> Claim:
             found = check(results)
             verdict = found.verdict or ("reproduced" if found.ours == printed else "differs")
-            return found._replace(claim=text, where=where, paper=printed, how=how, verdict=verdict)
+            return found._replace(claim=text, where=where, paper=printed, how=how, verdict=verdict, group=group or text)
 
         judged.__doc__ = check.__doc__ or text
         CHECKS.append(judged)
@@ -89,15 +92,17 @@ def scientific(value: float, digits: int = 2) -> str:
     return f"{mantissa}E{int(exponent)}"
 
 
-def verdict(ours: float, printed: str | None) -> str:
+def verdict(ours: float, printed: str | None, spread: tuple[float, float] = (np.nan, np.nan), near: float = 0.0) -> str:
     """Judge a figure by the digits the paper printed.
 
-    "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit; "differs" when it
-    is not; "not comparable" where nothing is printed.
+    "reproduced" when ours, rounded to as many digits, is within one unit of the last printed digit, or no more than
+    `near` away, or when the printed figure lies in the `spread` (low, high) of ours; else "differs". "not comparable"
+    where nothing is printed.
     """
     if printed is None:
         return "not comparable"
-    figure = Decimal(printed)
+    figure = Decimal(printed)  # not a float: 0.062 - 0.057 is more than 0.005 in binary
     unit = Decimal(1).scaleb(int(figure.as_tuple().exponent))
-    rounded = Decimal(repr(float(ours))).quantize(unit)
-    return "reproduced" if abs(rounded - figure) <= unit else "differs"
+    apart = abs(Decimal(repr(float(ours))).quantize(unit) - figure)
+    inside = spread[0] <= float(figure) <= spread[1]
+    return "reproduced" if inside or apart <= max(unit, Decimal(str(near))) else "differs"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from crfbench.lazy import found_when_used
 
 if TYPE_CHECKING:
+    from crfbench.widgets.before_after import BeforeAfter
     from crfbench.widgets.calibration_explorer import CalibrationExplorer
     from crfbench.widgets.chart_labeller import ChartLabeller
     from crfbench.widgets.epoch_player import EpochPlayer
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from crfbench.widgets.training_panel import TrainingPanel
 
 __all__ = [
+    "BeforeAfter",
     "CalibrationExplorer",
     "ChartLabeller",
     "EpochPlayer",

@@ -22,9 +22,10 @@ _LEAST_SD = 1e-2  # of a parameter that is the same for all curves, so that its 
 class ModelExplorer(StoredWidget):
     """Curves beside models whose parameters are sliders; every value can be read and set from Python too.
 
-    A slider moves one unconstrained parameter over its mean and 4 standard deviations on either side, as fitted to
-    `curves`, and shows the parameter itself. Python decodes; the page only draws. `index`, `model`, `params` and
-    `show_valid` are traits, for ``observe`` and ``link``.
+    Beside the plot stand the model's formula and a photograph through curve and model. A slider moves one unconstrained
+    parameter over its mean and 4 standard deviations on either side, as fitted to `curves`, and shows the parameter
+    itself. Python decodes; the page only draws. `index`, `model`, `params` and `show_valid` are traits, for ``observe``
+    and ``link``; so is `best`, the least RMSE reached by hand, by curve and model.
 
     Parameters
     ----------
@@ -53,6 +54,7 @@ class ModelExplorer(StoredWidget):
     _choices = traitlets.Dict().tag(sync=True)
     #: All that is drawn, in one trait, so that the page never sees half of a change, nor does a saved notebook.
     _scene = traitlets.Dict().tag(sync=True)
+    best = traitlets.Dict().tag(sync=True)
 
     @SyncedTrait
     def index(self, index: object) -> int:
@@ -133,6 +135,8 @@ class ModelExplorer(StoredWidget):
             "answered": self._request,
             "index": self.index,
             "model": self.model,
+            "equation": model.equation,
+            "inverse": model.direction == "inverse",
             "sliders": self._sliders(),
             "message": message,
             "target": _samples(target),
@@ -184,8 +188,9 @@ class ModelExplorer(StoredWidget):
         # `from_unconstrained` may stop before the full reach.
         ends = [self._positions(self._at(self.model, side * np.ones(model.n_params))) for side in (-_REACH, _REACH)]
         columns = [*np.round(ends, 9), self._positions(np.array(self.params)), np.array(self.params)]
-        rows = zip(model.param_names, *(column.tolist() for column in columns), strict=True)
-        return [dict(zip(("name", "min", "max", "position", "param"), row, strict=True)) for row in rows]
+        notes = model.param_notes or ("",) * model.n_params
+        rows = zip(model.param_names, notes, *(column.tolist() for column in columns), strict=True)
+        return [dict(zip(("name", "note", "min", "max", "position", "param"), row, strict=True)) for row in rows]
 
 
 def _check_names(names: Sequence[str], n: int) -> list[str]:

@@ -103,6 +103,19 @@ def write_raw(
     return path
 
 
+def write_linear(path: Path, pixels: NDArray[np.uint16], model: str = MODEL, orientation: int = 1) -> Path:
+    """Write a DNG of linear values (h, w) or (h, w, 3), from black to white level, that need no demosaicing."""
+    exposure, channels = {_EXPOSURE_TIME_TAG: 0.01, _F_NUMBER_TAG: 5.6, _ISO_TAG: 100}, pixels[0, 0].size
+    tags = _dng_tags(pixels.shape[:2], exposure, model, orientation)
+    # Without a mosaic, and the grey one without colours.
+    for tag in (33421, 33422, *((50721, 50728, 50778) if channels == 1 else ())):
+        del tags[tag]
+    tags |= {262: (_SHORT, 34892), 277: (_SHORT, channels), 258: (_SHORT, (16,) * channels)}
+    tags |= {279: (_LONG, pixels.nbytes), 50714: (_LONG, (BLACK,) * channels), 50717: (_LONG, (WHITE,) * channels)}
+    write_atomically(path, b"II*\0\x08\0\0\0" + _folder(tags, 8) + pixels.astype("<u2").tobytes())
+    return path
+
+
 def _jpeg(
     image: NDArray[np.uint8],
     exposure: dict[int, float],

@@ -239,6 +239,20 @@ def test_readouts_are_those_of_python(page, run_python: Callable) -> None:
     assert float(readout(page, "RMSE to nearest curve")) == pytest.approx(distances.min(), rel=0.01)
 
 
+def test_network_and_photograph_follow_the_latent(page, run_python: Callable) -> None:
+    network = page.get_by_role("img", name="The network: 1024, 8, 5, 1, 5, 8, 1024 neurons")
+    photo = page.get_by_role("img", name="A photograph; left: the light")
+    before = [shown.evaluate("(canvas) => canvas.toDataURL()") for shown in (network, photo)]
+    page.get_by_role("slider", name="latent z").press("End")
+    settled(page)
+    after = [shown.evaluate("(canvas) => canvas.toDataURL()") for shown in (network, photo)]
+    assert after[0] != before[0]
+    assert after[1] != before[1]
+    show(page, run_python, "SLR-monotone-3", (0.5, -1.0, 2.0))
+    page.get_by_role("img", name="The network: 1024, 8, 5, 3, 5, 8, 1024 neurons").wait_for()
+    screenshot(page, "latent-network")
+
+
 def test_animation_starts_and_stops(page, run_python: Callable) -> None:
     slider = page.get_by_role("slider", name="latent z")
     page.get_by_role("button", name="Animate").click()

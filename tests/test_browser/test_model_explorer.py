@@ -144,3 +144,50 @@ def test_python_moves_the_sliders(page, run_python: Callable) -> None:
     run_python(page, "explorer.params = (2.0, 0.0, 0.0)")
     page.wait_for_function("() => document.querySelector('.crf input').getAttribute('aria-valuetext') === '2.000'")
     assert run_python(page, "print(explorer.curve[512] - (512 / 1023) ** 2)").strip() == "0.0"
+
+
+def test_the_best_by_hand_is_kept_and_told_beside_the_fit(page, run_python: Callable) -> None:
+    run_python(page, "explorer.best = {}; explorer.index = 1")
+    settled(page)
+    assert readout(page, "your best RMSE") == "–"
+    errors = []
+    for key in ("ArrowRight", "ArrowRight", "PageDown"):
+        before = readout(page, "RMSE")
+        page.get_by_role("slider", name="w0, of x^0").press(key)
+        wait_for_change(page, "RMSE", before)
+        errors.append(float(readout(page, "RMSE")))
+    assert float(readout(page, "your best RMSE")) == min(errors)
+    run_python(page, "explorer.fit()")
+    page.get_by_text("; your best: ").wait_for()
+    assert float(readout(page, "your best RMSE")) == min(errors) > float(readout(page, "RMSE"))
+    page.get_by_label("Model", exact=True).select_option("PPISP-4-forward")
+    page.get_by_role("slider", name="toe").wait_for()
+    assert readout(page, "your best RMSE") == "–"
+    assert run_python(page, "print(*explorer.best)").strip() == f"{NAMES[1]}, GGCM-3-forward"
+
+
+def test_formula_and_photograph_follow_the_model(page, run_python: Callable) -> None:
+    assert page.locator(".crf-formula").inner_text().startswith("y = xP(x)")
+    assert page.get_by_role("slider", name="w0, of x^0").evaluate(DESCRIPTION) == "w0: the exponent near black"
+    photo = page.get_by_role("img", name="A photograph; left: film A; right: GGCM-3-forward")
+    before = photo.evaluate("(canvas) => canvas.toDataURL()")
+    halves = photo.evaluate(HALVES)
+    run_python(page, "explorer.params = (0.2, 0.0, 0.0)")
+    page.wait_for_function("([shown, before]) => shown.toDataURL() !== before", arg=[photo.element_handle(), before])
+    after = photo.evaluate(HALVES)
+    assert after[0] == halves[0], "the left half goes through the measured curve"
+    assert after[1] > halves[1], "a lower exponent brightens"
+    border = page.get_by_role("separator")
+    border.press("Home")
+    assert border.get_attribute("aria-valuenow") == "0"
+    box = photo.bounding_box()
+    page.mouse.click(box["x"] + 0.8 * box["width"], box["y"] + 20)
+    assert border.get_attribute("aria-valuenow") == "80"
+    screenshot(page, "photograph")
+
+
+DESCRIPTION = "(node) => document.getElementById(node.getAttribute('aria-describedby')).innerText"
+HALVES = """(canvas) => [0, canvas.width / 2 + 2].map((left) => {
+    const { data } = canvas.getContext("2d").getImageData(left, 0, canvas.width / 2 - 2, canvas.height);
+    return data.reduce((sum, value) => sum + value, 0);
+})"""

@@ -11,9 +11,10 @@ from crfbench.files import bundled
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 NOTEBOOKS = sorted(bundled("notebooks").glob("*.ipynb"))
-# Every code cell has a number, none waits for its turn, and the kernel has nothing to do.
+# Every code cell that is not folded has a number, none waits for its turn, and the kernel has nothing to do.
 DONE = f"""() => {{
-    const prompts = [...document.querySelectorAll('.jp-CodeCell .jp-InputPrompt')].map((p) => p.textContent);
+    const numbers = '.jp-CodeCell .jp-InputPrompt:not(.jp-Placeholder-prompt)';
+    const prompts = [...document.querySelectorAll(numbers)].map((p) => p.textContent);
     return {KERNEL}?.status === 'idle' && prompts.every((p) => /\\[\\d+\\]/.test(p));
 }}"""
 

@@ -115,6 +115,14 @@ export function labelledSlider(label, { min, max, step }, onInput) {
   return { box, input, show };
 }
 
+// A formula or note in which ^{...} is raised and _{...} lowered.
+export function formula(/** @type {string} */ text) {
+  return text.split(/([_^]\{[^}]*\})/).map((part) => {
+    if (!part.endsWith("}")) return part;
+    return element(part[0] === "^" ? "sup" : "sub", {}, part.slice(2, -1));
+  });
+}
+
 // A list of names and values; `show(values)` writes the values in order.
 export function readouts(/** @type {string[]} */ names) {
   const values = names.map(() => element("dd"));

@@ -43,15 +43,20 @@ function risingCurve(/** @type {Float64Array} */ raw) {
   return curve.map((sum) => sum / total);
 }
 
+// What each hidden layer makes of a latent, in order.
+export function hiddenLayers(/** @type {Layer[]} */ layers, /** @type {number[]} */ latent) {
+  let h = Float64Array.from(latent);
+  return layers.slice(0, -1).map((layer) => (h = affine(layer, h).map((x) => Math.max(0, x))));
+}
+
 /**
  * The curve of a latent, in double precision.
  * @param {{ layers: Layer[], monotone: boolean }} model
  * @param {number[]} latent
  */
 export function decode({ layers, monotone }, latent) {
-  let h = Float64Array.from(latent);
-  for (const layer of layers.slice(0, -1)) h = affine(layer, h).map((x) => Math.max(0, x));
-  const raw = affine(layers[layers.length - 1], h);
+  const [last] = hiddenLayers(layers, latent).slice(-1);
+  const raw = affine(layers[layers.length - 1], last);
   return monotone ? risingCurve(raw) : raw.map(sigmoid);
 }
 

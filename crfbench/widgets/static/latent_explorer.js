@@ -1,9 +1,21 @@
 // The page's side of LatentExplorer: the decoder runs here, so the curve follows the hand, with Python or without.
 
 import { button, element, followTheme, labelledSelect, labelledSlider, listen, offer, readouts } from "./controls.js";
-import { decode, kernelDensity, nearestCurve, nearestPower, normal, unpackCurves, unpackModel } from "./decode.js";
+import {
+  decode,
+  hiddenLayers,
+  kernelDensity,
+  nearestCurve,
+  nearestPower,
+  normal,
+  unpackCurves,
+  unpackModel,
+} from "./decode.js";
 import { Animation, move } from "./moves.js";
+import { NetworkSketch } from "./network.js";
+import { SplitPhoto, tableOf, unchanged } from "./photo.js";
 import { Plot } from "./plot.js";
+import { renderScene } from "./scene.js";
 
 /** @typedef {import("./controls.js").Model} Model */
 
@@ -16,6 +28,13 @@ const PLACES = Array.from({ length: 161 }, (_, i) => REACH * (i / 80 - 1)); // w
 const PRIOR = PLACES.map(normal);
 const RUG = 1 / 8; // height of the ticks below a density, as a share of it
 const HEADROOM = 1 / 11; // above it
+
+const NETWORK_NOTE =
+  "The network and its numbers of neurons. In training, the encoder squeezed each curve (in: the nearest one) through " +
+  "the waist. The decoder runs here: a cell is a neuron, the fuller the more active.";
+const PHOTO_NOTE =
+  "Made by arithmetic. Left: the light itself, shown as numbers. Right: the same light through the response above. " +
+  "Drag the border.";
 
 const clamp = (/** @type {number} */ z) => Math.min(REACH, Math.max(-REACH, z));
 const formatLatent = (/** @type {number} */ z) => z.toFixed(2).replace("-", "−");
@@ -97,6 +116,9 @@ class LatentExplorerView {
     this.choices = model.get("_choices");
     this.curves = unpackCurves(this.choices.curves);
     this.plot = new Plot();
+    this.network = new NetworkSketch();
+    this.photo = new SplitPhoto(renderScene(), PHOTO_NOTE);
+    this.most = [1]; // how active each hidden layer gets
     /** @type {ReturnType<typeof labelledSlider>[]} */
     this.sliders = [];
     /** @type {DensityPlot[]} */
@@ -126,20 +148,23 @@ class LatentExplorerView {
     this.leaveModel();
     this.leaveTheme();
     this.animation.stop();
+    this.photo.destroy();
     for (const sketch of this.sketches()) sketch.destroy();
   }
 
   sketches() {
-    return [this.plot, ...this.densities];
+    return [this.plot, this.network, ...this.densities];
   }
 
   buildBody() {
     const reset = button("Reset", () => this.put(this.latent.map(() => 0)), { title: "z = 0" });
     const save = button("Save CSV", () => this.save(), { title: "the curve as irradiance and brightness" });
     const buttons = element("div", { class: "crf-buttons" }, this.animate, reset, save);
+    const network = element("figure", {}, this.network.canvas, element("figcaption", { class: "crf-note" }, NETWORK_NOTE));
     const panel = element("div", { class: "crf-panel" }, this.sliderBox, this.note, buttons);
-    panel.append(this.readouts.box, this.status);
-    return element("div", { class: "crf-body" }, element("div", { class: "crf-plot" }, this.plot.box), panel);
+    panel.append(this.readouts.box, network, this.status);
+    const left = element("div", { class: "crf-plot" }, this.plot.box, this.photo.box);
+    return element("div", { class: "crf-body" }, left, panel);
   }
 
   nearestNames() {
@@ -203,6 +228,8 @@ class LatentExplorerView {
     this.status.textContent = "";
     this.chooser.show(index);
     this.rebuildSliders(current.labels, current.latents);
+    const ends = [-REACH, 0, REACH].map((z) => hiddenLayers(current.layers, current.labels.map(() => z)));
+    this.most = ends[0].map((_, layer) => Math.max(1e-9, ...ends.flatMap((hidden) => [...hidden[layer]])));
     return current;
   }
 
@@ -246,6 +273,25 @@ class LatentExplorerView {
     }
     const [x, y] = [xLabel, yLabel].map((label) => ({ label, min: 0, max: 1 }));
     this.plot.draw({ x, y, marks, description: this.describe(latent, texts) });
+    this.drawNetwork(latent, nearest);
+    const { levels } = this.photo.picture;
+    const bent = tableOf(levels, this.curve, direction !== "forward");
+    this.photo.show({ name: "the light", tables: [unchanged(levels)] }, { name: "through this response", tables: [bent] });
+  }
+
+  /** @type {(latent: number[], nearest: ReturnType<typeof nearestCurve> | null) => void} */
+  drawNetwork(latent, nearest) {
+    const { layers, sizes } = this.current;
+    const hidden = hiddenLayers(layers, latent).map((values, i) => values.map((value) => value / this.most[i]));
+    const wide = sizes.with(-1, this.curve.length); // a monotone decoder has steps, one fewer than samples
+    this.network.draw({
+      sizes: wide,
+      active: [...hidden, this.curve],
+      latent,
+      input: nearest && nearest.samples,
+      output: this.curve,
+      description: `The network: ${[...wide.slice(1).reverse(), ...wide].join(", ")} neurons; the waist has the latent`,
+    });
   }
 
   describe(/** @type {number[]} */ latent, /** @type {string[]} */ [gamma, , , nearest]) {

@@ -6,14 +6,18 @@ import {
   followTheme,
   formatError,
   formatParam,
+  formula,
   labelledCheckbox,
   labelledSelect,
   labelledSlider,
   listen,
+  newId,
   readouts,
 } from "./controls.js";
+import { SplitPhoto, tableOf } from "./photo.js";
 import { float32, Plot } from "./plot.js";
 import { busySign, RequestQueue } from "./requests.js";
+import { renderScene } from "./scene.js";
 
 /** @typedef {import("./controls.js").Model} Model */
 
@@ -23,7 +27,9 @@ import { busySign, RequestQueue } from "./requests.js";
  * @property {string} answered the page's request that led to it
  * @property {number} index
  * @property {string} model
- * @property {{ name: string, min: number, max: number, position: number, param: number }[]} sliders
+ * @property {string} equation
+ * @property {boolean} inverse
+ * @property {{ name: string, note: string, min: number, max: number, position: number, param: number }[]} sliders
  * @property {string} message
  * @property {DataView} target
  * @property {DataView} decoded
@@ -37,6 +43,9 @@ import { busySign, RequestQueue } from "./requests.js";
 const SLIDER_STEP = 0.02; // in standard deviations of the parameter
 const HEADROOM = 0.1; // how much of what leaves [0, 1] is seen
 
+const GAME = "Can you beat Fit? Drag until the RMSE is as small as you can make it, then press Fit.";
+const SEAM = "The same light through both curves: where the model fits, no seam is seen. Drag the border.";
+
 function verdict(/** @type {Scene} */ { falls, inRange }) {
   const rises = falls === 0 ? "yes" : `falls at ${falls} sample${falls === 1 ? "" : "s"}`;
   return { rises, stays: inRange ? "yes" : "no" };
@@ -49,16 +58,20 @@ class ModelExplorerView {
     this.choices = model.get("_choices");
     const { names, models } = this.choices;
     this.plot = new Plot();
+    this.photo = new SplitPhoto(renderScene(), SEAM);
+    this.equation = element("p", { class: "crf-formula" });
     this.drawn = ""; // the model that the sliders belong to
+    this.byHand = false; // whether the reader's sliders were asked for last
+    this.seen = ""; // the request that the last scene answered
     /** @type {number[]} */
     this.positions = [];
     /** @type {ReturnType<typeof labelledSlider>[]} */
     this.sliders = [];
     this.sliderBox = element("div", { class: "crf-sliders", role: "group", "aria-label": "model parameters" });
-    this.curve = labelledSelect("Curve", names, (index) => this.requests.send("index", index));
-    this.family = labelledSelect("Model", models, (i) => this.requests.send("model", models[i]));
-    this.valid = labelledCheckbox("show nearest valid curve", (on) => this.requests.send("show_valid", on));
-    this.readouts = readouts(["RMSE", "MSE", "monotone", "in [0, 1]"]);
+    this.curve = labelledSelect("Curve", names, (index) => this.ask("index", index));
+    this.family = labelledSelect("Model", models, (i) => this.ask("model", models[i]));
+    this.valid = labelledCheckbox("show nearest valid curve", (on) => this.ask("show_valid", on));
+    this.readouts = readouts(["RMSE", "your best RMSE", "MSE", "monotone", "in [0, 1]"]);
     this.status = element("div", { class: "crf-status", role: "status" });
     this.root = element("div", { class: "crf", "aria-busy": false }, this.buildChoices(), this.buildBody());
     root.append(this.root);
@@ -72,6 +85,7 @@ class ModelExplorerView {
     this.leaveModel();
     this.leaveTheme();
     this.plot.destroy();
+    this.photo.destroy();
   }
 
   buildChoices() {
@@ -79,51 +93,80 @@ class ModelExplorerView {
     const turn = element("div", { class: "crf-turn" });
     turn.append(button("◀", () => this.turn(-1), { "aria-label": "previous curve", title: "previous curve" }));
     turn.append(button("▶", () => this.turn(1), { "aria-label": "next curve", title: "next curve" }));
-    return element("div", { class: "crf-choices" }, this.curve.box, turn, this.family.box);
+    return element("div", { class: "crf-choices" }, this.curve.box, turn, this.family.box, this.equation);
   }
 
   buildBody() {
-    const fit = button("Fit", () => this.requests.send("fit"), { class: "crf-main", title: "least MSE to this curve" });
-    const reset = button("Reset", () => this.requests.send("reset"), { title: "mean parameters" });
+    const fit = button("Fit", () => this.ask("fit"), { class: "crf-main", title: "least MSE to this curve" });
+    const reset = button("Reset", () => this.ask("reset"), { title: "mean parameters" });
     const buttons = element("div", { class: "crf-buttons" }, fit, reset);
-    const panel = element("div", { class: "crf-panel" }, this.sliderBox, buttons, this.valid.box);
+    const game = element("p", { class: "crf-note" }, GAME);
+    const panel = element("div", { class: "crf-panel" }, game, this.sliderBox, buttons, this.valid.box);
     panel.append(this.readouts.box, this.status);
-    return element("div", { class: "crf-body" }, element("div", { class: "crf-plot" }, this.plot.box), panel);
+    const left = element("div", { class: "crf-plot" }, this.plot.box, this.photo.box);
+    return element("div", { class: "crf-body" }, left, panel);
   }
 
   turn(/** @type {number} */ step) {
     const { input } = this.curve;
     const n = input.options.length;
     input.selectedIndex = (input.selectedIndex + step + n) % n;
-    this.requests.send("index", input.selectedIndex);
+    this.ask("index", input.selectedIndex);
   }
 
   update() {
     /** @type {Scene} */
     const scene = this.model.get("_scene");
     this.requests.answered(scene.answered);
+    const best = this.keepBest(scene);
     if (scene.model !== this.drawn) this.rebuildSliders(scene);
     if (this.requests.idle) this.followControls(scene);
     scene.sliders.forEach(({ param }, i) => this.sliders[i].show(null, formatParam(param)));
     const { rises, stays } = verdict(scene);
-    this.readouts.show([formatError(scene.rmse), formatError(scene.mse), rises, stays]);
-    this.status.textContent = scene.message;
+    this.readouts.show([formatError(scene.rmse), best === undefined ? "–" : formatError(best), formatError(scene.mse), rises, stays]);
+    this.status.textContent = scene.message + (scene.message && best ? `; your best: ${formatError(best)}` : "");
     this.draw(scene);
+  }
+
+  /** @type {(kind: string, value?: unknown) => void} */
+  ask(kind, value) {
+    this.byHand = kind === "positions";
+    this.requests.send(kind, value);
+  }
+
+  // The least RMSE that the reader has reached for this curve and model. What Python itself moves answers no request.
+  /** @type {(scene: Scene) => number | undefined} */
+  keepBest({ answered, index, model, rmse }) {
+    const key = `${this.choices.names[index]}, ${model}`;
+    const all = this.model.get("best");
+    const moved = this.byHand && answered !== this.seen;
+    this.seen = answered;
+    if (!moved || rmse >= all[key]) return all[key];
+    this.model.set("best", { ...all, [key]: rmse });
+    this.model.save_changes();
+    return rmse;
   }
 
   rebuildSliders(/** @type {Scene} */ scene) {
     this.drawn = scene.model;
     this.positions = scene.sliders.map(({ position }) => position);
-    this.sliders = scene.sliders.map(({ name, min, max }, i) =>
-      labelledSlider(name, { min, max, step: SLIDER_STEP }, (position) => this.slide(i, position)),
-    );
+    const [left, ...right] = scene.equation.split(" = "); // y in the colour of the model's line
+    const y = element("b", { class: "crf-model-colour" }, left);
+    this.equation.replaceChildren(...(scene.equation ? [y, " = ", ...formula(right.join(" = "))] : []));
+    this.sliders = scene.sliders.map(({ name, note, min, max }, i) => {
+      const slider = labelledSlider(name, { min, max, step: SLIDER_STEP }, (position) => this.slide(i, position));
+      const says = element("span", { class: "crf-note", id: newId() }, ...formula(note));
+      slider.input.setAttribute("aria-describedby", says.id);
+      slider.box.append(says);
+      return slider;
+    });
     this.sliderBox.replaceChildren(...this.sliders.map(({ box }) => box));
   }
 
   // Positions are kept apart from the thumbs, which stop at the ends of their range and at whole steps.
   slide(/** @type {number} */ i, /** @type {number} */ position) {
     this.positions[i] = position;
-    this.requests.send("positions", [...this.positions]);
+    this.ask("positions", [...this.positions]);
   }
 
   // Only when nothing is under way, so that an old answer never pulls a control from under the hand.
@@ -148,6 +191,9 @@ class ModelExplorerView {
     const x = { label: xLabel, min: 0, max: 1 };
     const y = { label: yLabel, min: -HEADROOM, max: 1 + HEADROOM };
     this.plot.draw({ x, y, marks, description: this.describe(scene) });
+    const { levels } = this.photo.picture;
+    const [left, right] = [scene.target, scene.decoded].map((curve) => tableOf(levels, float32(curve), scene.inverse));
+    this.photo.show({ name: names[scene.index], tables: [left] }, { name: scene.model, tables: [right] });
   }
 
   describe(/** @type {Scene} */ scene) {
