@@ -37,6 +37,7 @@ def player() -> widgets.EpochPlayer:
 
 
 MAKE: dict[str, Callable[[], StoredWidget]] = {
+    "BeforeAfter": lambda: widgets.BeforeAfter(GREY / 255, GRID**2),
     "CalibrationExplorer": widgets.CalibrationExplorer,
     "ChartLabeller": labeller,
     "EpochPlayer": player,

@@ -218,6 +218,6 @@ def test_a_saved_notebook_plays_without_python(new_context: Callable, tmp_path: 
     frame = alone.frame_locator("iframe")
     frame.get_by_role("slider").press("Home")
     frame.get_by_role("button", name="Play").click()
-    frame.get_by_role("img", name="Histogram of the latents of AAE at epoch 4 ").wait_for()
+    frame.get_by_role("application", name="Histogram of the latents of AAE at epoch 4 ").wait_for()
     frame.get_by_role("button", name="Pause").click()
     context.close()

@@ -78,7 +78,7 @@ def show(page, run_python: Callable, name: str, latent: tuple[float, ...]) -> No
 
 def wait_for_label(page, name: str, latent: tuple[float, ...]) -> None:
     at = ", ".join(f"{z:.2f}".replace("-", "−") for z in latent)
-    page.get_by_role("img", name=f"Curve of {name} at {at}:").wait_for()
+    page.get_by_role("application", name=f"Curve of {name} at {at}:").wait_for()
 
 
 def wait_for_python(page, run_python: Callable, latent: tuple[float, ...]) -> None:
@@ -344,7 +344,7 @@ def test_a_notebook_made_into_html_stays_alive(offline_page, tmp_path: Path) -> 
     offline_page.goto((tmp_path / "notebook.html").as_uri())
     frame = offline_page.frame_locator("iframe")
     frame.get_by_role("slider").press("ArrowRight")
-    frame.get_by_role("img", name="Curve of SLR-ldl-1 at 1.02:").wait_for()
+    frame.get_by_role("application", name="Curve of SLR-ldl-1 at 1.02:").wait_for()
     overflow = "({ scrollHeight, clientHeight }) => scrollHeight - clientHeight"
     assert frame.locator("html").evaluate(overflow) == 0, "the frame is as high as the page in it"
     screenshot(offline_page, "latent-notebook-html", "body")

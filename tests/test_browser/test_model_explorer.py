@@ -68,7 +68,7 @@ def test_mouse_drag_changes_curve_and_errors(page, run_python: Callable) -> None
     held = float(run_python(page, "print(explorer.params[0])"))
     assert float(slider.get_attribute("aria-valuetext")) == pytest.approx(held, rel=1e-3)
     assert picture(page) != before
-    assert readout(page, "RMSE") in page.get_by_role("img", name="Curve film A").get_attribute("aria-label")
+    assert readout(page, "RMSE") in page.get_by_role("application", name="Curve film A").get_attribute("aria-label")
 
 
 def test_arrow_keys_move_the_slider_and_not_the_notebook(page, run_python: Callable) -> None:
@@ -85,7 +85,7 @@ def test_arrow_keys_move_the_slider_and_not_the_notebook(page, run_python: Calla
 def test_keys_that_are_shortcuts_elsewhere_work_in_a_select(page, run_python: Callable) -> None:
     page.get_by_label("Curve", exact=True).focus()
     page.keyboard.press("ArrowDown")
-    page.get_by_role("img", name=f"Curve {NAMES[1]} ").wait_for()
+    page.get_by_role("application", name=f"Curve {NAMES[1]} ").wait_for()
     assert run_python(page, "print(explorer.index)").strip() == "1"
     assert page.locator(".jp-CodeCell").count() == len(CELLS)
 
@@ -122,10 +122,10 @@ def test_another_model_brings_its_sliders(page) -> None:
 def test_curves_are_turned_round(page) -> None:
     curve = page.get_by_label("Curve", exact=True)
     page.get_by_role("button", name="previous curve").click()
-    page.get_by_role("img", name=f"Curve {NAMES[-1]} ").wait_for()
+    page.get_by_role("application", name=f"Curve {NAMES[-1]} ").wait_for()
     assert curve.evaluate("(node) => node.selectedOptions[0].text") == NAMES[-1]
     page.get_by_role("button", name="next curve").click()
-    page.get_by_role("img", name=f"Curve {NAMES[0]} ").wait_for()
+    page.get_by_role("application", name=f"Curve {NAMES[0]} ").wait_for()
 
 
 def test_a_curve_that_cannot_be_a_response_is_called_so(page, run_python: Callable) -> None:

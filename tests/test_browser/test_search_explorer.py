@@ -119,7 +119,7 @@ def test_every_candidate_is_reached_and_named_by_keyboard(page, run_python: Call
     second = run_python(page, "print(tuple(explorer._candidates[1]['hidden']))").strip()
     wait_for_name(page, second)
     python_value(page, run_python, "explorer.focus", second)
-    assert f"Named: {second}, MSE" in page.get_by_role("img").last.get_attribute("aria-label")
+    assert f"Named: {second}, MSE" in page.get_by_role("application").get_attribute("aria-label")
 
 
 def test_pointing_at_a_candidate_names_it(page) -> None:

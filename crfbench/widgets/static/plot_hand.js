@@ -11,7 +11,7 @@ import { further, inner, nearestOn, scaled, shown, valueAt } from "./plot_view.j
  */
 
 const HAND_REACH = 24; // pixels from a mark within which the pointer means it
-const INSIDE = 8; // how far off bars and bands count, so that lines and dots in front of them are found
+const BEHIND = { dots: 0, line: 4, bar: 8, band: 8 }; // pixels by which a mark counts as farther off: dots come first
 const SMALLEST_BOX = 6; // pixels; what is drawn smaller was a click
 const READOUT_GAP = 12; // from a point to its read-out
 const ZOOM = 1.5;
@@ -267,7 +267,7 @@ export class Hand {
     for (const [mark, look] of figure.marks.entries()) {
       if (lit !== null && lit !== (look.label ?? look.of)) continue;
       const found = nearestOn(this.plot.trace(look, y), x, y);
-      const distance = found.distance + (look.type === "bar" || look.type === "band" ? INSIDE : 0);
+      const distance = found.distance + BEHIND[look.type];
       const near = distance <= Math.min(HAND_REACH, best?.distance ?? HAND_REACH);
       if (found.i >= 0 && near) best = { ...found, mark, distance };
     }

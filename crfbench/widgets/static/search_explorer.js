@@ -52,7 +52,8 @@ const LISTING = [
 ];
 const LOOP = [3, 4, 5, 6]; // its lines for each candidate
 const AFTER = [8, 9, 10, 11];
-const WALK = { speed: 40, calmStep: 40 }; // lines in a second
+const WALK_SECONDS = 16; // for all lines, but with time to read where they are few
+const LEAST_SPEED = 4; // lines in a second
 
 /** The order of the grid: by the first layer, then the second, then the third. */
 export function gridOrder(/** @type {Pick<Candidate, "hidden">[]} */ candidates) {
@@ -87,7 +88,8 @@ class SearchExplorerView {
     this.last = LOOP.length * this.order.length + 1 + AFTER.length;
     this.t = this.last; // the step of the algorithm; the last: all is done
     this.from = 0; // where the animation began
-    this.animation = new Animation(WALK, (way) => this.go(this.from + Math.floor(way)));
+    const speed = Math.ceil(Math.max(LEAST_SPEED, this.last / WALK_SECONDS));
+    this.animation = new Animation({ speed, calmStep: speed }, (way) => this.go(this.from + Math.floor(way)));
     this.plot = new Plot();
     const names = this.names.map((name, i) => `${i + 1}. ${name}`);
     const range = { min: 1, max: names.length, step: 1 };
