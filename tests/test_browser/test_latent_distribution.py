@@ -67,9 +67,9 @@ def counts(page, name: str) -> list[int]:
 
 def wait_for_status(page, start: str) -> str:
     page.wait_for_function(
-        "(start) => document.querySelector('.crf-training [role=status]').textContent.startsWith(start)", arg=start
+        "(start) => document.querySelector('.crf-training .crf-status').textContent.startsWith(start)", arg=start
     )
-    return page.locator(f"{PANEL} [role=status]").inner_text()
+    return page.locator(f"{PANEL} .crf-status").inner_text()
 
 
 def ask_for_training(page, constraint: str, seed: int, epochs: int) -> None:
