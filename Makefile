@@ -21,9 +21,9 @@ test: checks
 test-all: checks
 	$(BIN)/python -m pytest $(TESTS)
 
-# All but the checks of the code and the tests that are slow or need a browser.
+# All but the checks of the code and the tests that are slow or need a browser; ONLY="tests/test_cli.py" and such.
 test-quick: $(READY)
-	$(BIN)/python -m pytest $(TESTS) -m "not slow" --ignore tests/test_browser
+	$(BIN)/python -m pytest $(TESTS) -m "not slow" --ignore tests/test_browser $(ONLY)
 
 checks: $(READY) widgets
 	$(BIN)/ruff check .

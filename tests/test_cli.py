@@ -255,7 +255,15 @@ def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     assert {path.rsplit("/", 1)[-1] for path in done.stdout.split("\n") if path} == written
     assert {"latents.csv", "latents.json", "algorithm_1.pdf"} <= written
     assert {"claims.csv", "leaderboard.json"} <= written
-    for stem in ("curves_opencrf", "figure_2", "table_2", "comparison", "fitting_opencrf", "fitting_dorf", "validity_dorf"):
+    for stem in (
+        "curves_opencrf",
+        "figure_2",
+        "table_2",
+        "comparison",
+        "fitting_opencrf",
+        "fitting_dorf",
+        "validity_dorf",
+    ):
         assert {f"{stem}.png", f"{stem}.pdf"} <= written
     assert {"fitting_dorf.json", "fitting_opencrf.csv", "stability.csv", "chart_free.json"} <= written
     assert {"calibration_3_map.csv", "calibration_24_posterior.json", "calibration_coverage.pdf"} <= written

@@ -8,6 +8,8 @@ from typing import Any
 
 PATIENCE = 240  # seconds until what does not come is held to be missing, also on a machine with much else to do
 
+TWO_FRAMES = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+
 
 def eventually(page, look: Callable[[], Any], right: Callable[[Any], bool]) -> Any:
     """Look again and again until what is seen is right, and return it."""
@@ -29,7 +31,7 @@ def readout(page, name: str) -> str:
 def settled(page) -> None:
     """Wait until Python has answered all that the page asked, and the answer is painted."""
     page.wait_for_function("() => document.querySelector('.crf') && !document.querySelector('.crf[aria-busy=true]')")
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.evaluate(TWO_FRAMES)
 
 
 def drag(page, slider, share: float) -> None:
