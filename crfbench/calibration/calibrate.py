@@ -52,14 +52,14 @@ class Calibration:
     model: ResponseModel
     method: str
     observations: Observations
-    noise: Noise  # what `residuals` are weighed with
-    params: Array  # shape (n, k); the best by the method's own measure
+    noise: Noise
+    params: Array
     curves: Array
-    warnings: tuple[tuple[str, ...], ...]  # a tuple for each set
-    seconds: float  # for all of them
-    noise_scale: Array | None = None  # shape (n,); by which the data scale the stated noise ("map", "posterior")
-    samples: PosteriorSamples | None = None  # the posterior itself ("posterior")
-    bands: dict[float, tuple[Array, Array]] = field(default_factory=dict)  # ("posterior")
+    warnings: tuple[tuple[str, ...], ...]
+    seconds: float
+    noise_scale: Array | None = None
+    samples: PosteriorSamples | None = None
+    bands: dict[float, tuple[Array, Array]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         model, warned = ModelKey.of(self.model), sum(map(bool, self.warnings))

@@ -55,12 +55,11 @@ class ColourCalibration:
         Of 3 n sets, given M: red, green and blue of one camera after another.
     """
 
-    matrix: Array  # shape (n, 3, 3); M; light 1 is brightness 1, so that its rows sum to the white balance
-    # shape (n, 6); posterior standard deviation of the shares of M off its diagonal, for RAW that is balanced to grey
+    matrix: Array
     deviation: Array
-    told: NDArray[np.bool_]  # shape (n,); whether the data tell M; else it is diagonal
-    soft: Array  # shape (n,); how softly colours are drawn into the gamut, s above
-    calibration: Calibration  # of 3 n sets, given M: red, green and blue of one camera after another
+    told: NDArray[np.bool_]
+    soft: Array
+    calibration: Calibration
 
     def __len__(self) -> int:
         return len(self.matrix)

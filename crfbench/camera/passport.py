@@ -67,27 +67,24 @@ class Passport:
     Passport('Coolcam 3', inverse, intensity)
     """
 
-    direction: Direction  # of curves and band
-    # shape (1024,), (1, 1024) for intensity, or (3, 1024) for red, green and blue; monotone, from (0, 0) to (1, 1)
+    direction: Direction
     curves: Array
-    low: Array | None = None  # of the same shape; with `high` a pointwise band about the curves
+    low: Array | None = None
     high: Array | None = None
-    level: float | None = None  # the probability that the band stands for, such as 0.9; given with it
+    level: float | None = None
     camera: str = ""
-    iso: int | None = None  # sensitivity setting that the curves hold for
-    model: str = ""  # name of the model that the curves were decoded from, such as "SLR-ldl-3"
-    params: Array | None = None  # shape (c, k); its parameters, a row a curve
-    data_sha256: str = ""  # of the data it was calibrated from, 64 small hexadecimal digits
-    valid_range: tuple[float, float] = (0.0, 1.0)  # brightness that the data constrained; beyond, curves extrapolate
-    created: str = ""  # ISO date, such as "2026-01-31"; the caller says it, no clock is read
-    version: str = field(default_factory=lambda: version("crfbench"))  # of the crfbench that made it
-    white_level: int | None = None  # brightness 1 in images of 16 bits, where it is not 65535
-    note: str = (
-        ""  # what was done to the curves of another program as they were read, such as the repair of small falls
-    )
-    matrix: Array | None = None  # shape (3, 3); mixes RAW to the light that three curves bend; given with the next two
-    soft: float | None = None  # how softly colours are drawn into the gamut, see `crfbench.calibration.colour`
-    told: bool | None = None  # whether the data told the matrix; else it is diagonal
+    iso: int | None = None
+    model: str = ""
+    params: Array | None = None
+    data_sha256: str = ""
+    valid_range: tuple[float, float] = (0.0, 1.0)
+    created: str = ""
+    version: str = field(default_factory=lambda: version("crfbench"))
+    white_level: int | None = None
+    note: str = ""
+    matrix: Array | None = None
+    soft: float | None = None
+    told: bool | None = None
 
     def __post_init__(self) -> None:
         check_direction(self.direction)
