@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -91,6 +92,24 @@ def test_what_the_page_sent_before_python_spoke_is_refused(explorer: LatentExplo
     assert explorer.latent == 1.0
     explorer.set_state({"latent": 2})  # of a linked slider, which knows nothing of moves
     assert explorer.latent == 2.0
+
+
+def test_python_counts_its_move_while_another_thread_takes_one_of_the_page(explorer: LatentExplorer) -> None:
+    before = explorer._python_moves
+    taking, said = threading.Event(), threading.Event()
+
+    def stay(_change: object) -> None:
+        taking.set()
+        said.wait(0.2)
+
+    explorer.observe(stay, "latent")
+    page = threading.Thread(target=explorer.set_state, args=({"latent": 1, "_page_moves": [before, 1]},))
+    page.start()
+    assert taking.wait(60)
+    explorer.latent = -3
+    said.set()
+    page.join()
+    assert (explorer.latent, explorer._python_moves) == (-3.0, before + 1)
 
 
 def test_links_with_a_slider_go_both_ways(explorer: LatentExplorer) -> None:

@@ -5,6 +5,7 @@ import html
 import inspect
 import io
 import re
+import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -19,6 +20,9 @@ _STATIC = Path(__file__).parent / "static"
 # The only forms that the modules use; a test holds them to it.
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./(.+)";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?!default)", re.MULTILINE)
+# JupyterLab lets another thread than the cells' take what the page sends. One lock for all widgets, since two that are
+# linked would wait for each other's.
+ONE_THREAD = threading.RLock()
 
 
 def bundle(entry: str) -> str:
@@ -51,6 +55,11 @@ class StoredWidget(anywidget.AnyWidget):
     def _still(self) -> dict[str, str]:
         """Return what is shown instead of the widget, by media type."""
         raise NotImplementedError
+
+    def set_state(self, sync_data: dict[str, Any]) -> None:
+        """Take what the page sends, while no other thread changes a widget."""
+        with ONE_THREAD:
+            super().set_state(sync_data)
 
     def _repr_mimebundle_(self, **kwargs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return what is shown instead beside the widget."""
@@ -105,3 +114,8 @@ class SyncedTrait(traitlets.TraitType[_T, Any]):
     def validate(self, obj: Any, value: Any) -> _T:
         """Return the value to keep."""
         return self._check(obj, value)
+
+    def set(self, obj: Any, value: Any) -> None:
+        """Keep a value and tell of it, while no other thread changes a widget."""
+        with ONE_THREAD:
+            super().set(obj, value)

@@ -13,7 +13,7 @@ from typing import Any
 import anywidget
 import traitlets
 
-from crfbench.widgets.assets import StoredWidget, bundle, join
+from crfbench.widgets.assets import ONE_THREAD, StoredWidget, bundle, join
 
 
 class LivingWidget(StoredWidget):
@@ -41,14 +41,15 @@ class LivingWidget(StoredWidget):
 
         While a cell runs, messages of the page wait; without this, such an old one would undo what the cell has set.
         """
-        known, _ = sync_data.get("_page_moves", (self._python_moves, 0))
-        if known < self._python_moves:
-            return
-        self._receiving = True
-        try:
-            super().set_state(sync_data)
-        finally:
-            self._receiving = False
+        with ONE_THREAD:
+            known, _ = sync_data.get("_page_moves", (self._python_moves, 0))
+            if known < self._python_moves:
+                return
+            self._receiving = True
+            try:
+                super().set_state(sync_data)
+            finally:
+                self._receiving = False
 
     def _alone(self) -> str:
         """Return a page of the widget for notebooks made into HTML."""

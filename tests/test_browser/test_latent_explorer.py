@@ -267,7 +267,7 @@ def test_setting_the_latent_ends_the_animation(page, run_python: Callable) -> No
     for _ in range(5):  # the page's last moves are under way meanwhile, and must not undo what Python says
         page.get_by_role("button", name="Animate").click()
         page.wait_for_function("() => document.querySelector('.crf input').valueAsNumber > -2.8")
-        run_python(page, "explorer.latent = -3")
+        run_python(page, "explorer.latent = 4; explorer.latent = -3")
         wait_for_label(page, "SLR-ldl-1", (-3.0,))
         assert page.get_by_role("button", name="Animate").is_visible()
         wait_for_python(page, run_python, (-3.0,))
