@@ -2,8 +2,9 @@
 
 All run in the same JupyterLab and the same real Chromium, one after the other. A move begins at the time stamp of its
 key or mouse event, a click at the release of the button. It ends with the first task after the frame in which the last
-stroke on a canvas was made, or in which the last new image, decoded, was shown. A stroke made within an animation frame
-belongs to that very frame, any other to the next one.
+stroke on a plot was made, or in which the last new image, decoded, was shown. A stroke made within an animation frame
+belongs to that very frame, any other to the next one. The sketch of the network and the photograph, which `interact`
+has not, follow the curve a frame later and are not waited for.
 """
 
 import random
@@ -75,7 +76,7 @@ WATCH = """
     const { stroke } = CanvasRenderingContext2D.prototype;
     CanvasRenderingContext2D.prototype.stroke = function (...path) {
         stroke.apply(this, path);
-        painted();
+        if (!this.canvas.matches(".crf-network")) painted();
     };
     const whenDecoded = (image) => image.decode().then(painted, () => {}); // an image that is gone again is no picture
     new MutationObserver((changes) => {

@@ -11,7 +11,7 @@ import {
   unpackCurves,
   unpackModel,
 } from "./decode.js";
-import { Animation, move } from "./moves.js";
+import { Afterwards, Animation, move } from "./moves.js";
 import { NetworkSketch } from "./network.js";
 import { SplitPhoto, tableOf, unchanged } from "./photo.js";
 import { Plot } from "./plot.js";
@@ -127,6 +127,7 @@ class LatentExplorerView {
     this.from = 0; // and from where
     /** @type {unknown} the latent that the page itself has set last */
     this.expected = null;
+    this.afterwards = new Afterwards();
     this.animation = new Animation(PACE, (way) => this.slide(this.touched, sweep(this.from, way)));
     this.chooser = new Chooser(this.choices.facets, (index) => this.choose(this.choices.models[index]));
     this.sliderBox = element("div", { class: "crf-sliders", role: "group", "aria-label": "latent" });
@@ -148,6 +149,7 @@ class LatentExplorerView {
     this.leaveModel();
     this.leaveTheme();
     this.animation.stop();
+    this.afterwards.stop();
     this.photo.destroy();
     for (const sketch of this.sketches()) sketch.destroy();
   }
@@ -273,10 +275,17 @@ class LatentExplorerView {
     }
     const [x, y] = [xLabel, yLabel].map((label) => ({ label, min: 0, max: 1 }));
     this.plot.draw({ x, y, marks, description: this.describe(latent, texts) });
-    this.drawNetwork(latent, nearest);
+    this.afterwards.run(() => {
+      this.drawNetwork(latent, nearest);
+      this.drawPhoto();
+    });
+  }
+
+  drawPhoto() {
     const { levels } = this.photo.picture;
-    const bent = tableOf(levels, this.curve, direction !== "forward");
+    const bent = tableOf(levels, this.curve, this.current.direction !== "forward");
     this.photo.show({ name: "the light", tables: [unchanged(levels)] }, { name: "through this response", tables: [bent] });
+    this.photo.refresh();
   }
 
   /** @type {(latent: number[], nearest: ReturnType<typeof nearestCurve> | null) => void} */
@@ -292,6 +301,7 @@ class LatentExplorerView {
       output: this.curve,
       description: `The network: ${[...wide.slice(1).reverse(), ...wide].join(", ")} neurons; the waist has the latent`,
     });
+    this.network.refresh();
   }
 
   describe(/** @type {number[]} */ latent, /** @type {string[]} */ [gamma, , , nearest]) {

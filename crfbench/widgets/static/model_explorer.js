@@ -14,6 +14,7 @@ import {
   newId,
   readouts,
 } from "./controls.js";
+import { Afterwards } from "./moves.js";
 import { SplitPhoto, tableOf } from "./photo.js";
 import { float32, Plot } from "./plot.js";
 import { busySign, RequestQueue } from "./requests.js";
@@ -73,6 +74,7 @@ class ModelExplorerView {
     this.status = element("div", { class: "crf-status", role: "status" });
     this.root = element("div", { class: "crf", "aria-busy": false }, this.buildChoices(), this.buildBody());
     root.append(this.root);
+    this.afterwards = new Afterwards();
     this.requests = new RequestQueue(model, busySign(this.root, this.status));
     this.leaveTheme = followTheme(this.root, () => this.plot.schedule());
     this.leaveModel = listen(model, { _scene: () => this.update(), best: () => this.update() });
@@ -83,6 +85,7 @@ class ModelExplorerView {
     this.leaveModel();
     this.leaveTheme();
     this.plot.destroy();
+    this.afterwards.stop();
     this.photo.destroy();
   }
 
@@ -170,9 +173,14 @@ class ModelExplorerView {
     const x = { label: xLabel, min: 0, max: 1 };
     const y = { label: yLabel, min: -HEADROOM, max: 1 + HEADROOM };
     this.plot.draw({ x, y, marks, description: this.describe(scene) });
+    this.afterwards.run(() => this.drawPhoto(scene));
+  }
+
+  drawPhoto(/** @type {Scene} */ { index, model, target, decoded, inverse }) {
     const { levels } = this.photo.picture;
-    const [left, right] = [scene.target, scene.decoded].map((curve) => tableOf(levels, float32(curve), scene.inverse));
-    this.photo.show({ name: names[scene.index], tables: [left] }, { name: scene.model, tables: [right] });
+    const [left, right] = [target, decoded].map((curve) => tableOf(levels, float32(curve), inverse));
+    this.photo.show({ name: this.choices.names[index], tables: [left] }, { name: model, tables: [right] });
+    this.photo.refresh();
   }
 
   describe(/** @type {Scene} */ scene) {

@@ -14,6 +14,30 @@ export function move(model, traits) {
   model.save_changes();
 }
 
+/** Does the last work that it was given after the next frame, which so never waits for it. */
+export class Afterwards {
+  constructor() {
+    this.frame = 0;
+    /** @type {(() => void) | null} */
+    this.work = null;
+  }
+
+  run(/** @type {() => void} */ work) {
+    this.work = work;
+    this.frame ||= requestAnimationFrame(() => setTimeout(() => this.finish()));
+  }
+
+  finish() {
+    this.frame = 0;
+    this.work?.();
+  }
+
+  stop() {
+    cancelAnimationFrame(this.frame);
+    this.work = null;
+  }
+}
+
 /** Says in every frame how far it has got; in one step a second for who asks for less motion. */
 export class Animation {
   /**

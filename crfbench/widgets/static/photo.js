@@ -101,10 +101,14 @@ export class SplitPhoto {
   }
 
   schedule() {
-    this.frame ||= requestAnimationFrame(() => {
-      this.frame = 0;
-      if (this.sides.length) this.paint();
-    });
+    this.frame ||= requestAnimationFrame(() => this.refresh());
+  }
+
+  // Paints now rather than in the next frame.
+  refresh() {
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
+    if (this.sides.length) this.paint();
   }
 
   paint() {

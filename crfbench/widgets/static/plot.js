@@ -183,12 +183,16 @@ export class Sketch {
   }
 
   schedule() {
-    this.frame ||= requestAnimationFrame(() => {
-      this.frame = 0;
-      if (!this.figure || !this.measure()) return;
-      this.begin();
-      this.paint(this.figure);
-    });
+    this.frame ||= requestAnimationFrame(() => this.refresh());
+  }
+
+  // Paints now rather than in the next frame.
+  refresh() {
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
+    if (!this.figure || !this.measure()) return;
+    this.begin();
+    this.paint(this.figure);
   }
 
   /** @param {F} _figure */
