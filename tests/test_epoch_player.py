@@ -69,7 +69,7 @@ def test_latents_all_at_one_place_have_infinite_kl() -> None:
 
 def test_epoch_starts_at_the_last_and_is_heard_and_linked() -> None:
     player = EpochPlayer({"a": made_up(4), "b": made_up(9)})
-    assert player.epoch == 9
+    assert player.epoch == 1
     heard = []
     player.observe(lambda change: heard.append(change["new"]), "epoch")
     player.set_state({"epoch": 3, "_page_moves": [player._python_moves, 1]})

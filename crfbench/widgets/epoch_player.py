@@ -25,7 +25,7 @@ class EpochPlayer(LivingWidget):
     training, and needs no Python to play them: latents in half precision, curves as 33 samples in steps of 1/255, and
     of a history of more than 150 epochs as many as `History.thin` keeps.
 
-    `epoch` is a trait that Python and the page share, for ``observe``, ``link`` and ``jslink``; first the last.
+    `epoch` is a trait that Python and the page share, for ``observe``, ``link`` and ``jslink``; it starts at the first.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class EpochPlayer(LivingWidget):
             raise InputError("there are no histories to play; use one or more")
         self._histories = dict(histories)
         columns = [pack(history, name, direction) for name, history in histories.items()]
-        super().__init__(epoch=max(column["epochs"][-1] for column in columns), _columns=columns)
+        super().__init__(epoch=min(column["epochs"][0] for column in columns), _columns=columns)
 
     def __repr__(self) -> str:
         return f"EpochPlayer({', '.join(self._histories)})"

@@ -64,6 +64,8 @@ class TrainingPanel(StoredWidget):
     _esm = bundle("training_panel.js")
     _css = join("widgets.css", "latents.css")
     _choices = traitlets.Dict().tag(sync=True)
+    #: What the form shows: what was last asked for, by the page or by Python.
+    _asked = traitlets.Dict().tag(sync=True)
     #: How far the training has got; no epochs before the first.
     _progress = traitlets.Dict(_NO_PROGRESS).tag(sync=True)
     status = traitlets.Unicode(help="What the panel says, in a sentence.").tag(sync=True)
@@ -83,11 +85,11 @@ class TrainingPanel(StoredWidget):
         choices = {
             "constraints": list(CONSTRAINTS),
             "directions": ["inverse", "forward"],
-            "epochs": _EPOCHS,
             "mostEpochs": _MOST_EPOCHS,
             "mostSeed": _MOST_SEED,
         }
-        super().__init__(_choices=choices, status=f"Ready to train on {self._data}.")
+        asked = {"constraint": "LDL", "direction": "inverse", "seed": 0, "epochs": _EPOCHS}
+        super().__init__(_choices=choices, _asked=asked, status=f"Ready to train on {self._data}.")
         self.on_msg(self._receive)
 
     def _still(self) -> dict[str, str]:
@@ -112,6 +114,7 @@ class TrainingPanel(StoredWidget):
             TrainingPanel._latest = self
             self._stopping.clear()
             self._name = f"{constraint}, seed {seed}" + (", forward" if direction == "forward" else "")
+            self._asked = {"constraint": constraint, "direction": direction, "seed": seed, "epochs": epochs}
             self._epochs, self._direction, self._began, self._told = epochs, direction, time.monotonic(), 0.0
             self._say("Getting ready.", running=True)
             arguments = (f"SLR-{constraint.lower()}-1", seed)

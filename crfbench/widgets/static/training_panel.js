@@ -7,21 +7,21 @@ import { LatentColumn, NOTE, Run } from "./latent_column.js";
 
 /**
  * @param {string} label
- * @param {{ value: number, min: number, max: number }} range
+ * @param {{ min: number, max: number }} range
  */
-function labelledNumber(label, { value, min, max }) {
-  const input = element("input", { id: newId(), type: "number", value, min, max, step: 1, ...KEEP_KEYS });
+function labelledNumber(label, { min, max }) {
+  const input = element("input", { id: newId(), type: "number", min, max, step: 1, ...KEEP_KEYS });
   return { box: element("div", { class: "crf-field" }, element("label", { for: input.id }, label), input), input };
 }
 
 class TrainingPanelView {
   constructor(/** @type {Model} */ model, /** @type {HTMLElement} */ root) {
     this.model = model;
-    const { constraints, directions, epochs, mostEpochs, mostSeed } = model.get("_choices");
+    const { constraints, directions, mostEpochs, mostSeed } = model.get("_choices");
     this.constraint = labelledSelect("Constraint", constraints, () => {});
     this.direction = labelledSelect("Direction", directions, () => {});
-    this.seed = labelledNumber("Seed", { value: 0, min: 0, max: mostSeed });
-    this.epochs = labelledNumber("Epochs", { value: epochs, min: 1, max: mostEpochs });
+    this.seed = labelledNumber("Seed", { min: 0, max: mostSeed });
+    this.epochs = labelledNumber("Epochs", { min: 1, max: mostEpochs });
     this.start = button("Start", () => this.ask(), { class: "crf-main" });
     this.stop = button("Stop", () => model.send({ kind: "stop" }), { title: "keep what was trained so far" });
     this.fields = [this.constraint, this.direction, this.seed, this.epochs];
@@ -33,7 +33,8 @@ class TrainingPanelView {
     root.append(this.root);
     this.leaveTheme = followTheme(this.root, () => this.column.repaint());
     const update = () => this.update();
-    this.leaveModel = listen(model, { running: update, status: update, _progress: update });
+    this.leaveModel = listen(model, { running: update, status: update, _progress: update, _asked: () => this.fill() });
+    this.fill();
     this.update();
   }
 
@@ -58,6 +59,14 @@ class TrainingPanelView {
     const [constraint, direction] = [this.constraint, this.direction].map(({ input }) => input.selectedOptions[0].text);
     const [seed, epochs] = [this.seed, this.epochs].map(({ input }) => input.valueAsNumber);
     this.model.send({ kind: "start", constraint, direction, seed, epochs });
+  }
+
+  fill() {
+    const { constraint, direction, seed, epochs } = this.model.get("_asked");
+    const { constraints, directions } = this.model.get("_choices");
+    this.constraint.input.selectedIndex = constraints.indexOf(constraint);
+    this.direction.input.selectedIndex = directions.indexOf(direction);
+    [this.seed.input.valueAsNumber, this.epochs.input.valueAsNumber] = [seed, epochs];
   }
 
   update() {
