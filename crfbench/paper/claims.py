@@ -33,10 +33,10 @@ _STATISTICS = {
     "seconds": "seconds for all cameras",
 }
 _WHY_FITTING = {
-    "SLR": "Our mean squared error is {mse}: the paper's figure has the size of an MSE, not of an RMSE.",
+    "SLR": "Our mean squared error is {mse}: the paper's number has the size of an MSE, not of an RMSE.",
     "EMoR": "Projection on the published components: data, metric and model are the paper's.",
-    "below": "Ours are the best fits there are, so no parameters give the paper's smaller figure as a mean RMSE.",
-    "above": "Ours are the best fits there are; parameters with the paper's larger figure are not the optimal ones.",
+    "below": "Ours are the best fits there are, so no parameters give the paper's smaller number as a mean RMSE.",
+    "above": "Ours are the best fits there are; parameters with the paper's larger number are not the optimal ones.",
 }
 
 
@@ -122,7 +122,7 @@ def gamma_within_ggcm(results: PaperResults) -> Claim:
     """Compare two names of one model."""
     ours, names = results.fits()["mean_rmse"], ("Gamma-1-forward", "GGCM-1-forward")
     printed = [FITTING[name] for name in names]
-    why = f"x^w is both models, so the figures must agree; Table 1 prints {' and '.join(printed)}."
+    why = f"x^w is both models, so the numbers must agree; Table 1 prints {' and '.join(printed)}."
     shown = ", ".join(scientific(ours[name]) for name in names)
     return Claim(ours=shown, verdict=in_words(printed[0] == printed[1]), why=why)
 

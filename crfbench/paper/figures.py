@@ -56,7 +56,7 @@ def plot_fitting(table: pd.DataFrame, direction: Direction = "inverse", ax: Axes
         ax.scatter(printed["n_params"], printed["paper"], marker="x", s=60, color=PALETTE[i], zorder=3)
     ax.plot([], [], color="0.4", ls=":", marker="o", mfc="white", label="held out (grouped 5-fold),\nwhere it differs")
     if rows["paper"].notna().any():
-        ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's figure, named\nwhere off our line")
+        ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's number, named\nwhere off our line")
         _name_crosses(ax, rows[rows["kind"].isin(_FITTING_MODELS[:-1]) & rows["paper"].notna()])
     ax.set(xlabel="number of parameters", ylabel="mean RMSE (share of the curve's range)", yscale="log")
     ax.set(xticks=[1, 2, 3, 4], xlim=(0.8, 4.7))

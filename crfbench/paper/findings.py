@@ -87,7 +87,7 @@ def _search(results: PaperResults) -> str:
     )
 
 
-@_finding("SLR's calibration figure", _HOLDS)
+@_finding("SLR's RMSE in calibration", _HOLDS)
 def _calibration(results: PaperResults) -> str:
     near = (results.calibration["verdict"] == "reproduced").sum()
     return (
@@ -111,14 +111,14 @@ def _ldl(results: PaperResults) -> str:
     )
 
 
-@_finding("The unit of SLR's figure", _DOES_NOT_FOLLOW)
+@_finding("The unit of SLR's number", _DOES_NOT_FOLLOW)
 def _unit(results: PaperResults) -> str:
     fits = results.fits()
     slr, apart = fits.loc[_SLR], float(FITTING[_EMOR]) / float(FITTING[_SLR])
     return (
         f"Table 1 prints {FITTING[_SLR]} as a mean RMSE (the text {claims.one_figure(results).paper}). With the "
         "best latent of every curve, a network of that size has a mean RMSE of "
-        f"{scientific(slr['mean_rmse'])} and a mean squared error of {scientific(slr['mean_mse'])}: the printed figure "
+        f"{scientific(slr['mean_rmse'])} and a mean squared error of {scientific(slr['mean_mse'])}: the printed number "
         "has the size of an MSE. Beside RMSEs it makes SLR look "
         f"{apart:.0f} times better than EMoR with one component; like for like it is "
         f"{fits['mean_rmse'][_EMOR] / slr['mean_rmse']:.1f} times."
@@ -133,7 +133,7 @@ def _rising(results: PaperResults) -> str:
     return (
         f"With best parameters no model gets worse by one more of them, since that could be zero; "
         f"{claims.optimal(results).ours}. Gamma and GGCM with one parameter are the same model and have different "
-        f"figures. Of the {len(classical)} figures of Gamma, Polynomial and GGCM, {below} lie below the best fit there "
+        f"numbers. Of the {len(classical)} numbers of Gamma, Polynomial and GGCM, {below} lie below the best fit there "
         "is. What was computed instead, we do not know."
     )
 
@@ -141,7 +141,7 @@ def _rising(results: PaperResults) -> str:
 @_finding("Ten-folds", _DOES_NOT_FOLLOW)
 def _ten_folds(results: PaperResults) -> str:
     return (
-        f"Like for like, of the other figures {claims.ten_folds(results).ours} lie ten times above SLR's. On "
+        f"Like for like, of the other numbers {claims.ten_folds(results).ours} lie ten times above SLR's. On "
         f"curves not trained on, SLR is {claims.ten_folds_unseen(results).ours} better than one component of EMoR."
     )
 
@@ -152,7 +152,7 @@ def _near_copies(results: PaperResults) -> str:
     return (
         f"{counts['not_alone']} of the {counts['curves']} curves of DoRF have another within an RMSE of 0.01: copies, "
         "layers of one film, channels of one camera. Random folds put them on both sides, so the search's "
-        "cross-validation measures in part what was memorised. Our held-out figures keep them together."
+        "cross-validation measures in part what was memorised. Our held-out numbers keep them together."
     )
 
 
