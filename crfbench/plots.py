@@ -4,7 +4,7 @@ The argument `ax` takes the Axes to draw on; by default those of a new figure.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,7 +14,8 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
 from crfbench.curves import GRID, Direction, axis_labels
-from crfbench.datasets.chart import chart_boxes
+from crfbench.datasets.chart import chart_boxes, chart_colours
+from crfbench.errors import InputError
 from crfbench.history import History
 from crfbench.models import ModelKey
 from crfbench.search.result import architecture, mark_choice, pareto_front
@@ -160,11 +161,16 @@ def plot_residuals(result: "Calibration", index: int = 0, ax: Axes | None = None
 
 
 def plot_calibration(
-    result: "Calibration", index: int = 0, ax: Axes | None = None, beside: Mapping[str, ArrayLike] | None = None
+    result: "Calibration",
+    index: int = 0,
+    ax: Axes | None = None,
+    beside: Mapping[str, ArrayLike] | None = None,
+    patches: Sequence[int] | None = None,
 ) -> Axes:
     """Draw one inverse response of a calibration, its bands, and the patches where reference and exposure put them.
 
-    `beside` holds other inverse responses (1024,) to compare with, such as the known truth, by their names.
+    `beside` holds other inverse responses (1024,) to compare with, such as the known truth, by their names. `patches`
+    says which of a colour chart, from 1 to 24, the observed ones are; their dots are painted so.
     """
     brightness, irradiance = result.dots(index)
     ax = new_axes(ax)
@@ -174,11 +180,45 @@ def plot_calibration(
         ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
     ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{ModelKey.of(result.model)}, {result.method}")
     size = 10 if len(brightness) <= _MOST_DOTS else 2
-    ax.scatter(brightness, irradiance, s=size, color=PALETTE[1], marker="o", label="measured, aligned", zorder=3)
+    dots: dict[str, Any] = {"color": PALETTE[1], "label": "measured, aligned"}
+    if patches is not None:
+        counts = result.observations.counts[index]  # where all photographs count as one, the chart comes once for each
+        seen = np.resize(patches, counts.shape[1])[np.nonzero(counts)[1]] - 1
+        paints = np.clip(chart_colours(), 0.0, 1.0) ** (1 / 2.2)
+        dots = {"c": paints[seen], "ec": "black", "lw": 0.6, "label": "patches in their colours, aligned"}
+    ax.scatter(brightness, irradiance, s=size, zorder=3, **dots)
     for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, STYLES[1:], strict=False):
         ax.plot(GRID, np.asarray(curve), color=colour, ls=style, label=name, zorder=4)
     unit_square(ax, "inverse")
     ax.legend(loc="upper left", fontsize="small")
+    return ax
+
+
+def plot_posterior(result: "Calibration", index: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw what is known of a model's one parameter: prior, likelihood (scaled to the same area) and posterior.
+
+    The calibration is by the method "posterior" with ``discrepancy=False``, whose samples lie in even steps.
+    """
+    samples, prior = result.samples, result.model.prior_
+    if (
+        samples is None
+        or prior is None
+        or result.model.n_params > 1
+        or np.ptp(np.diff(samples.unconstrained[0, :, 0])) > 1e-6
+    ):
+        raise InputError(
+            f"{result!r} has no posterior in even steps; use one parameter, 'posterior', discrepancy=False"
+        )
+    ax, z, posterior = new_axes(ax, 6.0, 3.6), samples.unconstrained[0, :, 0], samples.weights[index]
+    before = np.exp(-0.5 * (z - prior.mean[0]) ** 2 / prior.covariance[0, 0])
+    rows = {"prior": before, "likelihood (scaled)": posterior / before, "posterior": posterior}
+    for (name, row), colour, style in zip(
+        rows.items(), (PALETTE[1], PALETTE[2], PALETTE[0]), ("--", ":", "-"), strict=True
+    ):
+        ax.plot(z, row / row.sum() / (z[1] - z[0]), color=colour, ls=style, lw=2, label=name)
+    ax.fill_between(z, posterior / posterior.sum() / (z[1] - z[0]), color=PALETTE[0], alpha=0.2, lw=0)
+    ax.set(xlabel=f"{result.model.param_names[0]} (no unit)", ylabel="density (per unit)", ylim=(0, None))
+    ax.legend(fontsize="small")
     return ax
 
 

@@ -75,7 +75,7 @@ class CalibrationExplorer(StoredWidget):
     def _still(self) -> dict[str, str]:
         from crfbench.plots import plot_calibration
 
-        axes = plot_calibration(self._result)
+        axes = plot_calibration(self._result, patches=self._shown["patches"])
         brightness, irradiance = self._held_out()
         axes.scatter(brightness, irradiance, s=4, color="0.5", label="truth: RAW, the other illumination")
         axes.legend(loc="upper left", fontsize="small")
@@ -146,7 +146,8 @@ class CalibrationExplorer(StoredWidget):
         try:
             self._result = self._calibrate()
             label = f"{self.model}, {self.method}"
-            self._shown = {"label": label, "rmse": self.rmse, **_show(self._result, _decoded(self.model)[1])}
+            of = {"patches": list(self.patches), "label": label, "rmse": self.rmse}
+            self._shown = {**of, **_show(self._result, _decoded(self.model)[1])}
         except InputError as error:
             self._error = str(error)
         return {
@@ -208,6 +209,7 @@ def _show(result: Calibration, table: Table) -> dict[str, Any]:
         "curve": _float32(result.curves[0, ::_STRIDE]),
         "bands": {str(level): _float32(np.stack(ends)[:, 0, ::_STRIDE]) for level, ends in result.bands.items()},
         "dots": _float32(np.stack(result.dots(0))),
+        "dotPatches": np.nonzero(result.observations.counts[0])[1].tolist(),
         "range": result.brightness_range[0].tolist(),
         "density": _density(result, table) if result.model.n_params == 1 else None,
         "params": dict(zip(result.model.param_names, result.params[0].tolist(), strict=True)),
@@ -217,7 +219,7 @@ def _show(result: Calibration, table: Table) -> dict[str, Any]:
 
 
 def _density(result: Calibration, table: Table) -> dict[str, Any]:
-    """Return densities over the one unconstrained parameter: the prior, and the posterior if there is one."""
+    """Return densities over the one unconstrained parameter: the prior; posterior and likelihood where there are."""
     z, model = table.unconstrained[:, 0], result.model
     rows = [np.exp(table.log_prior) / (z[1] - z[0])]
     if result.samples is not None:
@@ -229,6 +231,9 @@ def _density(result: Calibration, table: Table) -> dict[str, Any]:
         rows.append(
             result.samples.weights[0] / (z[1] - z[0]) if exact else np.interp(z, 0.5 * (edges[1:] + edges[:-1]), height)
         )
+        if exact:
+            likelihood = rows[1] / rows[0]
+            rows.append(likelihood / likelihood.sum() / (z[1] - z[0]))
     densities = np.stack(rows)
     # Where each is less than a thousandth of its peak, nothing would be seen of it.
     seen = np.flatnonzero((densities > 1e-3 * densities.max(axis=1, keepdims=True)).any(axis=0))

@@ -27,7 +27,9 @@ import { busySign } from "./requests.js";
  * @property {number} rmse
  * @property {DataView} curve
  * @property {Record<string, DataView>} bands by level, low and high one after the other
+ * @property {number[]} patches which were used
  * @property {DataView} dots brightness and irradiance one after the other
+ * @property {number[]} dotPatches which of the patches used each dot is, from 0
  * @property {[number, number]} range
  * @property {Density | null} density
  * @property {Record<string, number>} params
@@ -180,10 +182,13 @@ class CalibrationExplorerView {
     this.warnings.replaceChildren(...(error ? [] : shown.warnings).map((text) => element("li", {}, text)));
   }
 
-  drawCurve(/** @type {Scene} */ { choice, shown, error, truth }) {
+  drawCurve(/** @type {Scene} */ { choice, shown, error, truth, colours }) {
     const other = this.options.illuminations.find((/** @type {number} */ i) => i !== choice.illumination);
     const [seen, raw] = halves(truth);
     const [brightness, irradiance] = halves(shown.dots);
+    const patches = shown.dotPatches.map((i) => shown.patches[i]);
+    const rgb = new Uint8Array(bytesOf(colours));
+    const paints = patches.map((patch) => `rgb(${rgb.subarray(3 * patch - 3, 3 * patch).join()})`);
     const strength = error ? FAINT : 1;
     /** @type {Mark[]} */
     const bands = Object.entries(shown.bands)
@@ -203,10 +208,12 @@ class CalibrationExplorerView {
         ...curveMarks(float32(shown.curve), shown.range, { label: shown.label, colour: "blue", alpha: strength }),
         {
           type: "dots",
-          label: "patches used, aligned",
+          label: "patches used, in their colours, aligned",
+          names: patches.map((patch) => `patch ${patch}`),
+          paints,
           x: brightness,
           y: irradiance,
-          radius: 3.5,
+          radius: 4.5,
           rim: true,
           colour: "vermilion",
           alpha: strength,
@@ -223,14 +230,15 @@ class CalibrationExplorerView {
     this.density.box.hidden = density === null;
     if (density === null) return;
     const { name, best } = density;
-    const [prior, posterior] = density.densities.map(float32);
+    const [prior, posterior, likelihood] = density.densities.map(float32);
     const [min, max] = density.ends;
-    const top = 1.08 * Math.max(...prior, ...(posterior ?? []));
+    const top = 1.08 * Math.max(...prior, ...(posterior ?? []), ...(likelihood ?? []));
     const at = Math.min(max, Math.max(min, best));
     /** @type {Mark[]} */
     const marks = [{ type: "line", label: "prior", y: prior, colour: "vermilion", dash: "dashed" }];
     if (posterior) marks.push({ type: "line", label: "posterior", y: posterior, colour: "blue" });
-    marks.push({ type: "line", label: "best", x: [at, at], y: [0, top], colour: "green" });
+    if (likelihood) marks.push({ type: "line", label: "likelihood", y: likelihood, colour: "green", dash: "dotted" });
+    marks.push({ type: "line", label: "best", x: [at, at], y: [0, top], width: 1 });
     this.density.draw({
       x: { label: name, min, max, gap: 40 },
       y: { label: "density", min: 0, max: top },
