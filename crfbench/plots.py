@@ -180,13 +180,13 @@ def plot_calibration(
         ax.fill_between(GRID, low[index], high[index], color=PALETTE[0], alpha=shade, lw=0, label=label)
     ax.plot(GRID, result.curves[index], color=PALETTE[0], label=f"{ModelKey.of(result.model)}, {result.method}")
     size = 10 if len(brightness) <= _MOST_DOTS else 2
-    dots: dict[str, Any] = {"color": PALETTE[1], "label": "measured, aligned"}
+    dots: dict[str, Any] = {"s": size, "color": PALETTE[1], "label": "measured, aligned"}
     if patches is not None:
         counts = result.observations.counts[index]  # where all photographs count as one, the chart comes once for each
         seen = np.resize(patches, counts.shape[1])[np.nonzero(counts)[1]] - 1
         paints = np.clip(chart_colours(), 0.0, 1.0) ** (1 / 2.2)
-        dots = {"c": paints[seen], "ec": "black", "lw": 0.6, "label": "patches in their colours, aligned"}
-    ax.scatter(brightness, irradiance, s=size, zorder=3, **dots)
+        dots = {"s": 25, "c": paints[seen], "ec": "black", "lw": 0.6, "label": "patches in their colours, aligned"}
+    ax.scatter(brightness, irradiance, zorder=3, **dots)
     for (name, curve), colour, style in zip((beside or {}).items(), _BESIDE, STYLES[1:], strict=False):
         ax.plot(GRID, np.asarray(curve), color=colour, ls=style, label=name, zorder=4)
     unit_square(ax, "inverse")

@@ -176,7 +176,7 @@ def _show(output: NotebookNode, name: str, source: str, heading: str) -> None:
     if "text/markdown" in data:
         data["text/markdown"] = _page_links(data["text/markdown"])
     if "application/vnd.jupyter.widget-view+json" in data:
-        output.data = NotebookNode({"text/html": _widget(data["text/plain"], name)})
+        output.data = NotebookNode({"text/html": _widget(data["text/plain"], name, data.get("text/html", ""))})
     elif "<table" in data.get("text/html", ""):
         data["text/html"] = _scrolling(_table(data["text/html"]), f"Table of {name}")
     elif "image/png" in data:
@@ -225,10 +225,15 @@ def _align(table: Tag) -> None:
                 row[i]["class"] = "number"
 
 
-def _widget(plain: str, name: str) -> str:
+def _widget(plain: str, name: str, stored: str) -> str:
     kind = plain.split("(", maxsplit=1)[0]
     if kind in LIVING:
         return island(LIVING[kind](), name=name)
+    if frame := BeautifulSoup(stored, "html.parser").iframe:  # a page of the widget, from which it moves into this one
+        content = re.search(
+            '<script type="application/json" id="content">.*?</script>', str(frame["srcdoc"]), re.DOTALL
+        )
+        return f"<div></div>\n{content[0].replace('content', name, 1)}" if content else ""
     what = f"<code>{html.escape(kind)}</code>" if kind.isidentifier() else "A progress bar"
     still = STILL.get(kind, lambda: "")()
     advice = "works with Python only: open this notebook with <code>make lab</code>."
@@ -277,6 +282,7 @@ def _epoch_player() -> EpochPlayer:
     return EpochPlayer({name: load_history(name.lower()) for name in ("LDL", "AUC", "AAE", "VAE", "baseline")})
 
 
+#: What is made anew, to show more than the notebook's own page; other widgets with a page of their own come from there.
 LIVING: dict[str, Callable[[], anywidget.AnyWidget]] = {
     "EpochPlayer": _epoch_player,
     "LatentExplorer": lambda: LatentExplorer.pretrained(crfbench.load_responses("opencrf")),

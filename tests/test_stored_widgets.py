@@ -40,6 +40,9 @@ MAKE: dict[str, Callable[[], StoredWidget]] = {
     "BeforeAfter": lambda: widgets.BeforeAfter(GREY / 255, GRID**2),
     "CalibrationExplorer": widgets.CalibrationExplorer,
     "ChartLabeller": labeller,
+    "DotPlot": lambda: widgets.DotPlot(
+        pd.DataFrame({"a": [1, 2], "b": [3, 4], "c": "all", "d": ["A<B", "C"]}), *"abcd"
+    ),
     "EpochPlayer": player,
     "LatentExplorer": lambda: widgets.LatentExplorer("SLR-ldl-1"),
     "ModelExplorer": lambda: widgets.ModelExplorer(["a", "b"], [GRID**2, GRID**0.5], [Gamma()]),

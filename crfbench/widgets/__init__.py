@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from crfbench.widgets.before_after import BeforeAfter
     from crfbench.widgets.calibration_explorer import CalibrationExplorer
     from crfbench.widgets.chart_labeller import ChartLabeller
+    from crfbench.widgets.dot_plot import DotPlot
     from crfbench.widgets.epoch_player import EpochPlayer
     from crfbench.widgets.latent_explorer import LatentExplorer
     from crfbench.widgets.model_explorer import ModelExplorer
@@ -22,6 +23,7 @@ __all__ = [
     "BeforeAfter",
     "CalibrationExplorer",
     "ChartLabeller",
+    "DotPlot",
     "EpochPlayer",
     "LatentExplorer",
     "ModelExplorer",

@@ -45,10 +45,12 @@ import { shown } from "./plot_view.js";
  */
 
 // Okabe and Ito's colours, told apart with any colour vision: [on a light ground, lighter on a dark ground].
-const COLOURS = {
+export const COLOURS = {
   blue: ["#0072B2", "#56B4E9"],
   vermilion: ["#D55E00", "#F28A3A"],
   green: ["#009E73", "#2EC495"],
+  purple: ["#CC79A7", "#E39AC4"],
+  orange: ["#B87F00", "#F0C25A"],
 };
 const DASHES = { solid: [], dashed: [8, 4], dotted: [2, 3] };
 const FONT_SIZE = 12;
@@ -64,7 +66,7 @@ const THUMB = 8; // half a slider's thumb, whose centre stays that far inside th
  * Outlines of dots.
  * @type {Record<Shape, (context: CanvasRenderingContext2D, x: number, y: number, radius: number) => void>}
  */
-const SHAPES = {
+export const SHAPES = {
   disc: (context, x, y, radius) => context.arc(x, y, radius, 0, 2 * Math.PI),
   ring: (context, x, y, radius) => context.arc(x, y, radius, 0, 2 * Math.PI),
   square: (context, x, y, radius) => context.rect(x - radius, y - radius, 2 * radius, 2 * radius),

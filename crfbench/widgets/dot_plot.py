@@ -1,0 +1,43 @@
+"""The rows of a table as dots: a legend that lights the dots of an entry, and names under the hand."""
+
+import pandas as pd
+import traitlets
+
+from crfbench.errors import InputError
+from crfbench.widgets.assets import bundle, join
+from crfbench.widgets.page import LivingWidget, page
+
+
+class DotPlot(LivingWidget):
+    """Dots to zoom and point at, by mouse, finger or keyboard; the page needs no Python.
+
+    Parameters
+    ----------
+    table : DataFrame
+        A dot for each row. Names of columns are those of the axes, so they say the unit.
+    x, y : str
+        Columns of finite numbers.
+    by, name : str
+        Columns of what the legend lists, and of what a dot is called.
+    log : bool
+        Whether the y axis is logarithmic.
+    """
+
+    _esm = bundle("dot_plot.js")
+    _css = join("widgets.css")
+    _dots = traitlets.Dict().tag(sync=True)
+
+    def __init__(self, table: pd.DataFrame, x: str, y: str, by: str, name: str, log: bool = False) -> None:
+        if (missing := {x, y, by, name} - set(table)) or table.empty:
+            raise InputError(f"the table has {len(table)} rows and no column {sorted(missing)}; use columns it has")
+        groups = {str(group): rows for group, rows in table.groupby(by)}
+        columns = {"x": x, "y": y, "names": name}
+        dots = [{"label": group} | {to: list(rows[of]) for to, of in columns.items()} for group, rows in groups.items()]
+        super().__init__(_dots={"xLabel": x, "yLabel": y, "log": log, "groups": dots})
+
+    def __repr__(self) -> str:
+        groups = self._dots["groups"]
+        return f"DotPlot({sum(len(group['x']) for group in groups)} dots, {len(groups)} groups)"
+
+    def _alone(self) -> str:
+        return page(self, self._dots["yLabel"])
