@@ -7,6 +7,7 @@ from pathlib import Path
 
 import ipywidgets
 import numpy as np
+import pandas as pd
 import pytest
 import traitlets
 from PIL import Image
@@ -15,7 +16,7 @@ from crfbench.curves import GRID
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 from crfbench.models import GGCM, PPISP, Gamma, Polynomial
-from crfbench.widgets import BeforeAfter, ModelExplorer, assets
+from crfbench.widgets import BeforeAfter, DotPlot, ModelExplorer, assets
 from crfbench.widgets.assets import bundle
 
 CURVES = np.stack([GRID**0.5, GRID**2.0, np.sin(GRID * np.pi / 2)])
@@ -96,6 +97,20 @@ def test_before_after_sends_a_small_photograph_and_its_curves() -> None:
     for wrong in (image * 255, image[..., 0]):
         with pytest.raises(InputError, match="from 0 to 1"):
             BeforeAfter(wrong, CURVES)
+
+
+def test_dots_keep_their_names_and_groups():
+    table = pd.DataFrame({"stops": [1, 2, 3], "RMSE": [0.3, 0.2, 0.1], "kind": ["b", "a", "b"], "who": ["x", "y", "z"]})
+    plot = DotPlot(table, "stops", "RMSE", by="kind", name="who")
+    assert repr(plot) == "DotPlot(3 dots, 2 groups)"
+    assert plot._dots["groups"] == [
+        {"label": "a", "x": [2], "y": [0.2], "names": ["y"]},
+        {"label": "b", "x": [1, 3], "y": [0.3, 0.1], "names": ["x", "z"]},
+    ]
+    with pytest.raises(InputError, match=r"no column \['colour'\]"):
+        DotPlot(table, "stops", "RMSE", by="colour", name="who")
+    with pytest.raises(InputError, match="0 rows"):
+        DotPlot(table[:0], "stops", "RMSE", by="kind", name="who")
 
 
 def test_reset_and_a_new_model_start_at_the_mean(explorer: ModelExplorer) -> None:

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from crfbench.search import SearchSpace, complexity
-from crfbench.widgets import SearchExplorer
+from crfbench.widgets import DotPlot, SearchExplorer
 from crfbench.widgets.page import page as page_of
 
 from .looks import picture
@@ -220,3 +220,28 @@ def test_algorithm_1_plays_by_itself_and_pauses(page) -> None:
     page.get_by_role("button", name="To the end").click()
     assert page.locator(".crf-status").inner_text() == "Choice: (20, 10)"
     assert page.get_by_role("button", name="Play").count() == 1
+
+
+def test_a_legend_lights_the_dots_of_one_entry_and_dots_say_their_names(new_context, tmp_path) -> None:
+    rows = [(camera, 0.1 * i, 0.2 * (i % 5), f"patch {i}") for camera in ("Canon", "Nikon", "Sony") for i in range(9)]
+    table = pd.DataFrame(rows, columns=["camera", "RAW (share)", "JPEG (share)", "dot"])
+    plot = DotPlot(table, "RAW (share)", "JPEG (share)", by="camera", name="dot")
+    (tmp_path / "dots.html").write_text(page_of(plot, "Cameras"), encoding="utf-8")
+    page = new_context(viewport={"width": 700, "height": 800}).new_page()
+    page.goto((tmp_path / "dots.html").as_uri())
+    painted(page)
+    box, all_alike = canvas(page).bounding_box(), picture(page)
+    page.mouse.move(box["x"] + 60, box["y"] + 9)  # on the first entry
+    painted(page)
+    alone = picture(page)
+    assert alone != all_alike
+    page.mouse.click(box["x"] + 60, box["y"] + 9)
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] + 40)
+    painted(page)
+    assert picture(page) == alone  # pressed, it stays
+    canvas(page).focus()
+    page.keyboard.press("ArrowDown")
+    assert read(page).startswith("Canon, patch 0: RAW 0")
+    page.keyboard.press("ArrowDown")
+    assert read(page).startswith("Nikon, patch 0")
+    page.context.close()
