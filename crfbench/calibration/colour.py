@@ -22,7 +22,7 @@ from crfbench.checks import as_finite
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
-from crfbench.models.discrepancy import from_knots
+from crfbench.models.base import from_knots
 from crfbench.numerics import levenberg_marquardt
 
 # Tried at once: how softly colours are drawn in, which the data choose, and the prior standard deviation of the shares

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from crfbench.calibration import Calibration, Observations
 from crfbench.calibration.mixture import typical_slope
 from crfbench.calibration.observations import colour_error
-from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem, exposure_steps
-from crfbench.camera.reading import Exif, read_exif, read_image, read_raw
+from crfbench.camera.reading import Exif, read_exif, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
 from crfbench.curves import Array
 from crfbench.datasets.chart import SIZE, UNIT, as_corners, chart_colours, homography, project, sample_positions

@@ -16,9 +16,8 @@ from crfbench.calibration import Calibration
 from crfbench.calibration.colour import RAW_FULL, ColourCalibration, calibrate_colour
 from crfbench.calibration.observations import SATURATED
 from crfbench.calibration.posterior import Noise
-from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem
-from crfbench.camera.reading import read_balance, read_image, read_raw
+from crfbench.camera.reading import read_balance, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import FormatError

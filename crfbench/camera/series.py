@@ -6,6 +6,7 @@ What a series is calibrated from are small flat blocks of the photographs that c
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any, NamedTuple
@@ -15,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Calibration, Noise, Observations, calibrate
 from crfbench.calibration.observations import SATURATED
-from crfbench.camera.aligning import equalised, find_shifts, shifted
-from crfbench.camera.reading import read_levels
+from crfbench.camera.reading import read_levels, reduced
 from crfbench.checks import as_numbers, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
@@ -42,6 +42,9 @@ _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200,
 # and that which stays: where fewer would, it is not the scene that moves.
 _ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW, _LEFT = 5, 0.35, 0.3, 6.0, 0.03, 0.01, 0.25
 _FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
+# Of aligning: the longer side of the pictures that are compared, in pixels; and the peak of phase correlation, which
+# is 1 for the same picture and near 0 for another, from which on it counts.
+_WIDEST, _SURE = 1024, 0.3
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
 
 
@@ -74,12 +77,58 @@ def align_series(images: Sequence[ArrayLike], exposures: ArrayLike) -> tuple[lis
     """Shift the photographs of a series from the hand by whole pixels to where they show the same.
 
     Returns the images, 0 where a photograph shows nothing, and by how many columns and rows each was shifted (e, 2),
-    from `crfbench.camera.aligning.find_shifts`. `images` and `exposures` are as in `merge_series`.
+    from `find_shifts`. `images` and `exposures` are as in `merge_series`.
     """
     arrays = as_series(images)
     stops = as_stops(exposures, len(arrays))
     shifts = find_shifts([equalised(array) for array in arrays], stops, arrays[0].shape)
     return [shifted(array, *shift) for array, shift in zip(arrays, shifts, strict=True)], shifts
+
+
+def equalised(array: NDArray[Any]) -> NDArray[np.uint8]:
+    """Reduce the green channel of an image (h, w, c) of 8 or 16 bits to what no response and no exposure changes."""
+    import cv2
+
+    plane = array[..., array.shape[2] // 2]
+    levels = np.ascontiguousarray(plane >> 8 if plane.dtype == np.uint16 else plane).astype(np.uint8)
+    return np.asarray(cv2.equalizeHist(reduced(levels, _WIDEST)), dtype=np.uint8)
+
+
+def find_shifts(pictures: Sequence[NDArray[np.uint8]], stops: Array, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Say by how many whole columns and rows to shift each photograph to where they all show the same.
+
+    Each is compared with that of the next exposure, by phase correlation (Kuglin and Hines 1975). Where two do not
+    correlate, they count as aligned. Takes the `pictures` from `equalised`, exposures (e,), of which the photograph of
+    the middle one stays where it is, and the shape of the photographs; returns shape (e, 2).
+    """
+    order = np.argsort(stops, kind="stable")
+    scale = max(shape[:2]) / max(pictures[0].shape)
+    steps = [scale * _shift(pictures[early], pictures[late]) for early, late in pairwise(order)]
+    along = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    shifts = np.empty(along.shape, dtype=np.intp)
+    shifts[order] = np.rint(along[len(order) // 2] - along)
+    return shifts
+
+
+def shifted(array: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
+    """Shift the content of an image (h, w) or (h, w, c) right and down; what comes in from outside is 0."""
+    moved = np.zeros_like(array)
+    height, width = array.shape[:2]
+    to, source = (
+        tuple(slice(max(sign * n, 0), length + min(sign * n, 0)) for n, length in ((rows, height), (columns, width)))
+        for sign in (1, -1)
+    )
+    moved[to] = array[source]
+    return moved
+
+
+def _shift(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Array:
+    """Return by how many columns and rows the second picture is off the first, 0 where that is not sure."""
+    import cv2
+
+    window = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
+    found, sure = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
+    return np.array(found if sure > _SURE else (0.0, 0.0))
 
 
 def calibrate_series(
