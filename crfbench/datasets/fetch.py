@@ -6,9 +6,6 @@ that broke off goes on where it stopped. Only a killed process leaves its tempor
 nothing reads.
 """
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pooch
@@ -51,27 +48,15 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
         raise InputError(f"mirror={mirror!r} is not a web address; use one that starts with http:// or https://")
     target = Path(folder) if folder is not None else folders()[0]
     paths, failures = [], []
-    with _quiet_pooch():
-        for entry in known().values() if key == "all" else (known()[key],):
-            try:
-                paths += _fetch_set(entry, Path(target).expanduser(), mirror, progress)
-            except FetchError as error:
-                failures.append(str(error))
+    pooch.get_logger().setLevel("WARNING")  # its line a file would break the progress bars
+    for entry in known().values() if key == "all" else (known()[key],):
+        try:
+            paths += _fetch_set(entry, Path(target).expanduser(), mirror, progress)
+        except FetchError as error:
+            failures.append(str(error))
     if failures:
         raise FetchError("; ".join(failures))
     return paths
-
-
-@contextmanager
-def _quiet_pooch() -> Iterator[None]:
-    """Silence pooch's line a file, which would break the progress bars."""
-    logger = pooch.get_logger()
-    level = logger.level
-    logger.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _fetch_set(entry: DataSet, target: Path, mirror: str | None, progress: bool) -> list[Path]:
