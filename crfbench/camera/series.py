@@ -177,7 +177,12 @@ def calibrate_series(
     floor = black_floor(images, exposures, found.curves)
     if floor.any():
         light = still & (observations.brightness > floor[:, None, None])
-        found = _above_floor(fit(_weighted(observations, light), method), floor)
+        # What lies below the floor has irradiance 0, up to what its band says.
+        found, below = fit(_weighted(observations, light), method), floor[:, None] > GRID
+        bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
+        found = replace(found, curves=np.where(below, 0.0, found.curves), bands=bands)
+        text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
+        found = _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
     share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
     text = "{:.0%} of the blocks do not follow the exposures, as where something moves; they are left out"
     return _told(found, [text.format(each) if each > _FEW else "" for each in share])
@@ -206,17 +211,13 @@ def _estimated(
     stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
     found = calibrate_series(images, stops, model, method, **same)
     power = usual.std() / abs(usual.mean())  # its relative standard deviation
-    bands = {level: _with_power(found.curves, band, power, level) for level, band in found.bands.items()}
+    logs, bands = np.log(np.maximum(found.curves, _LEAST)), {}
+    for level, band in found.bands.items():  # an uncertain power widens them in log irradiance
+        wide = NormalDist().inv_cdf(0.5 + level / 2) * power * np.abs(logs)
+        low, high = (np.hypot(np.log(np.maximum(edge, _LEAST)) - logs, wide) for edge in band)
+        bands[level] = found.curves * np.exp(-low), found.curves * np.exp(high)
     said = "the exposures are estimated from the photographs: any power of the curve fits as well, as its band says"
     return _told(replace(found, bands=bands), [said] * len(found))
-
-
-def _with_power(curves: Array, band: tuple[Array, Array], power: float, level: float) -> tuple[Array, Array]:
-    """Widen a band in log irradiance by an uncertain power of the curves."""
-    logs = np.log(np.maximum(curves, _LEAST))
-    wide = NormalDist().inv_cdf(0.5 + level / 2) * power * np.abs(logs)
-    low, high = (np.hypot(np.log(np.maximum(edge, _LEAST)) - logs, wide) for edge in band)
-    return curves * np.exp(-low), curves * np.exp(high)
 
 
 def black_floor(images: Sequence[ArrayLike | Reduced], exposures: ArrayLike, curves: Array) -> Array:
@@ -252,15 +253,6 @@ def _floor(levels: NDArray[np.int16], stops: Array, curve: Array, pairs: list[tu
     risen, rises, count = (np.convolve(row, np.ones(3), "same") for row in sums)
     still = (risen < 0.5 * rises) & (count > _FLOOR_SHARE * max(count.sum(), 1))
     return int(np.flatnonzero(still[:_DARK]).max(initial=-1)) + 1
-
-
-def _above_floor(found: Calibration, floor: Array) -> Calibration:
-    """Give what lies below the floor irradiance 0, up to what its band says, and tell it."""
-    below = floor[:, None] > GRID
-    bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
-    text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
-    found = replace(found, curves=np.where(below, 0.0, found.curves), bands=bands)
-    return _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
 
 
 def _told(found: Calibration, sentences: Sequence[str]) -> Calibration:

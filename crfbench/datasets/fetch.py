@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from crfbench.checks import check_choice
 from crfbench.datasets.dorf import read_official
-from crfbench.datasets.registry import DataSet, RemoteFile, folders, known
+from crfbench.datasets.registry import RemoteFile, folders, known
 from crfbench.errors import CrfbenchError, FetchError, InputError
 
 TIMEOUT = (30.0, 30.0)  # seconds, for the connection and for the next bytes
@@ -49,9 +49,9 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
     target = Path(folder) if folder is not None else folders()[0]
     paths, failures = [], []
     pooch.get_logger().setLevel("WARNING")  # its line a file would break the progress bars
-    for entry in known().values() if key == "all" else (known()[key],):
+    for which in known() if key == "all" else (key,):
         try:
-            paths += _fetch_set(entry, Path(target).expanduser(), mirror, progress)
+            paths += _fetch_set(which, Path(target).expanduser(), mirror, progress)
         except FetchError as error:
             failures.append(str(error))
     if failures:
@@ -59,10 +59,10 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
     return paths
 
 
-def _fetch_set(entry: DataSet, target: Path, mirror: str | None, progress: bool) -> list[Path]:
-    many = len(entry.files) > _FEW
-    files = tqdm(entry.files, desc=entry.key, unit="file", disable=not (progress and many), ncols=79)
-    return [_fetch_file(file, entry.key, target, mirror, progress and not many) for file in files]
+def _fetch_set(key: str, target: Path, mirror: str | None, progress: bool) -> list[Path]:
+    many = len(known()[key]) > _FEW
+    files = tqdm(known()[key], desc=key, unit="file", disable=not (progress and many), ncols=79)
+    return [_fetch_file(file, key, target, mirror, progress and not many) for file in files]
 
 
 def _fetch_file(file: RemoteFile, key: str, target: Path, mirror: str | None, progress: bool) -> Path:
