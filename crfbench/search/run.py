@@ -170,17 +170,17 @@ def pack(trials: Sequence[Trial], base: Stack) -> list[Stack]:
 
     `base` is a stack without candidates, with curves, folds and seed.
     """
-    packs: dict[tuple[int, ...], list[list[Trial]]] = {}
-    for trial in sorted(trials, key=lambda trial: trial.hidden):
-        alike = packs.setdefault((trial.epochs, len(trial.hidden), trial.hidden[0], *trial.hidden[1:-1]), [[]])
-        if sum(_weights(each.hidden) for each in alike[-1]) + _weights(trial.hidden) > _STACK_WEIGHTS and alike[-1]:
+    packs: dict[tuple[int, ...], list[list[Hidden]]] = {}
+    for hidden, epochs in sorted(trials, key=lambda trial: trial[0]):
+        alike = packs.setdefault((epochs, len(hidden), hidden[0], *hidden[1:-1]), [[]])
+        if sum(map(_weights, alike[-1])) + _weights(hidden) > _STACK_WEIGHTS and alike[-1]:
             alike.append([])
-        alike[-1].append(trial)
+        alike[-1].append(hidden)
     stacks = []
-    for together in (trials for alike in packs.values() for trials in alike):
+    for (epochs, *_), together in ((key, candidates) for key, alike in packs.items() for candidates in alike):
         # The first layers are the same, and so is the step size that depends on them.
-        config = search_config(together[0].hidden, together[0].epochs, base.config.seed)
-        stacks.append(replace(base, hidden=tuple(trial.hidden for trial in together), config=config))
+        config = search_config(together[0], epochs, base.config.seed)
+        stacks.append(replace(base, hidden=tuple(together), config=config))
     return sorted(stacks, key=work, reverse=True)
 
 
