@@ -44,7 +44,7 @@ def rows(sample: int = 6, epochs: int = 50) -> list[Row]:
     responses = load_responses("auto")
     curves, folds = responses.in_direction("inverse"), make_folds(responses, "random", 0)
     ours_s, result = seconds_of(partial(search_architectures, responses, epochs=epochs, progress=True))
-    candidates = [trial.hidden for trial in random(SearchSpace(), epochs, {}, sample)]
+    candidates = [hidden for hidden, _ in random(SearchSpace(), epochs, {}, sample)]
     plain = [seconds_of(partial(plain_loop, curves, folds, hidden, epochs)) for hidden in candidates]
     table = result.table.set_index(result.table.apply(architecture, axis=1).rename("hidden"))
     same = table.loc[candidates]
@@ -70,6 +70,6 @@ def growths() -> list[Growth]:
             partial(search_architectures, responses, m=1, strategy=partial(random, n=n), epochs=epochs)
         )
         trials = random(SearchSpace(), epochs, {}, n)
-        loops = [seconds_of(partial(plain_loop, curves, folds, trial.hidden, epochs))[0] for trial in trials]
+        loops = [seconds_of(partial(plain_loop, curves, folds, *trial))[0] for trial in trials]
         seconds.append([ours_s, sum(loops)])
     return [Growth("candidates", ("crfbench, all processes", "plain loop, one process"), SIZES, np.array(seconds))]

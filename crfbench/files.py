@@ -28,19 +28,15 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        _replace(Path(os.path.realpath(path)), content)
-    except OSError as error:  # names the file that was asked for, not the temporary one
-        raise type(error)(error.errno, error.strerror, str(path)) from None
-
-
-def _replace(path: Path, content: bytes) -> None:
+    real = Path(os.path.realpath(path))
     # Short, as the name of the file itself may be as long as a name can be.
-    temporary = path.with_name(f".crfbench-{secrets.token_hex(8)}")
+    temporary = real.with_name(f".crfbench-{secrets.token_hex(8)}")
     try:
         with temporary.open("xb") as file:  # with the permissions that the umask leaves
             file.write(content)
-        temporary.replace(path)
+        temporary.replace(real)
+    except OSError as error:  # names the file that was asked for, not the temporary one
+        raise type(error)(error.errno, error.strerror, str(path)) from None
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -70,13 +70,6 @@ def out_of_range(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
     return np.asarray(((batch < -tolerance) | (batch > 1.0 + tolerance)).any(axis=-1))
 
 
-def off_endpoints(curves: ArrayLike, tolerance: float = 1e-6) -> np.ndarray:
-    """Say of each curve (n, m) whether it misses (0, 0) or (1, 1) by more than `tolerance`; shape (n,), bool."""
-    # Looser than the other tolerances: printed curves have ends of six digits.
-    batch, tolerance = _batch(curves), check_number("tolerance", tolerance, 0.0)
-    return np.asarray(np.abs(batch[:, [0, -1]] - (0.0, 1.0)).max(axis=-1) > tolerance)
-
-
 def _batch(curves: ArrayLike) -> Array:
     """Return curves of any length as (n, m); of NaN nothing can be said, so it is refused."""
     batch = np.atleast_2d(as_finite("curves", curves))

@@ -16,12 +16,11 @@ from numpy.typing import ArrayLike
 from crfbench.curves import GRID, Direction, axis_labels
 from crfbench.datasets.chart import chart_boxes, chart_colours
 from crfbench.errors import InputError
-from crfbench.history import History
 from crfbench.models import ModelKey
-from crfbench.search.result import architecture, mark_choice, pareto_front
 
 if TYPE_CHECKING:
     from crfbench.calibration import Calibration
+    from crfbench.history import History
     from crfbench.models import SLR
 
 #: Okabe and Ito's colours, told apart by every kind of colour vision; the lines' styles and markers differ too.
@@ -116,7 +115,9 @@ def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) ->
     """
     picture, boxes = np.asarray(pixels), chart_boxes(np.asarray(corners))
     ax = new_axes(ax, 6.0, 6.0 * picture.shape[0] / picture.shape[1])
-    _show_picture(ax, picture)
+    step = -(-picture.shape[1] // _PICTURE_WIDTH)  # thinned to what a figure can show
+    ax.imshow(picture[::step, ::step], extent=(0, 1, 1, 0), aspect=picture.shape[0] / picture.shape[1])
+    ax.set_axis_off()
     for box in boxes:  # white within black, to be seen on a patch of any colour
         edge = [withStroke(linewidth=3, foreground="black")]
         ax.plot(*box[[0, 1, 2, 3, 0]].T, color="white", lw=1.2, path_effects=edge)
@@ -125,13 +126,6 @@ def plot_chart(pixels: ArrayLike, corners: ArrayLike, ax: Axes | None = None) ->
         x, y = boxes[patch - 1].mean(axis=0)
         ax.text(x, y, str(patch), color="white", ha="center", va="center", bbox=label)
     return ax
-
-
-def _show_picture(ax: Axes, pixels: np.ndarray) -> None:
-    """Show a photograph, thinned to what a figure can show, from (0, 0) to (1, 1)."""
-    step = -(-pixels.shape[1] // _PICTURE_WIDTH)
-    ax.imshow(pixels[::step, ::step], extent=(0, 1, 1, 0), aspect=pixels.shape[0] / pixels.shape[1])
-    ax.set_axis_off()
 
 
 def plot_linearised(patches: pd.DataFrame, ax: Axes | None = None) -> Axes:
@@ -228,7 +222,7 @@ _NORMAL = np.exp(-(_BINS**2) / 2) / np.sqrt(2 * np.pi)
 _MOST = 0.8  # density at the end of the colour scale: twice the peak of N(0, 1)
 
 
-def plot_latent_epochs(histories: Mapping[str, History], axes: Sequence[Axes] | None = None) -> list[Axes]:
+def plot_latent_epochs(histories: "Mapping[str, History]", axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Draw the density of the training curves' latents, epoch by epoch, beside their objective: the paper's figure.
 
     Epochs are spaced by their logarithm, for most happens early; all pictures share one scale of colours. Histories
@@ -313,6 +307,8 @@ def plot_search(table: pd.DataFrame, m: int = 10, spread: ArrayLike | None = Non
     The table is that of `crfbench.search_architectures`, or a recorded one. `spread`, shape (n,), is half the height of
     the bars of the M best, in units of MSE; by default the standard deviation over the folds.
     """
+    from crfbench.search.result import architecture, mark_choice, pareto_front
+
     ax, table = new_axes(ax, 7.0), mark_choice(table, m)
     bars = table["mse_sd"] if spread is None else np.asarray(spread)
     best = (table["rank"] <= m).to_numpy()

@@ -18,7 +18,7 @@ from crfbench.datasets import load_dorf, load_opencrf
 from crfbench.datasets.responses import grouped_folds, near_copies
 from crfbench.files import write_atomically
 from crfbench.models import MODELS, SLR, Kernel, ModelKey, ResponseModel, bundled_models
-from crfbench.models.discrepancy import LOG_KNOTS, SCALES, Discrepancy, at_knots
+from crfbench.models.base import LOG_KNOTS, SCALES, Discrepancy, at_knots
 from crfbench.training import CONFIGS, train
 
 # Channels meet at white.

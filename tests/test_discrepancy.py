@@ -19,7 +19,7 @@ from crfbench.datasets.middlebury import REFERENCE_IRRADIANCE, THREE_GREYS
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 from crfbench.models import DEFAULT_MODEL, GGCM, EMoR, Gamma, Kernel, bundled_models, load_model
-from crfbench.models.discrepancy import KNOTS, SCALES, Discrepancy, at_knots, between_knots, from_knots
+from crfbench.models.base import KNOTS, SCALES, Discrepancy, at_knots, between_knots, from_knots
 from tests.support.observing import MODELS, ready, unclipped
 
 FILMS = crfbench.load_responses("opencrf")

@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from crfbench.curves import GRID
 from crfbench.datasets import dorf, load_responses
-from crfbench.datasets.registry import DataSet, RemoteFile
+from crfbench.datasets.registry import RemoteFile
 from crfbench.datasets.responses import near_copies
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import bundled
@@ -63,7 +63,7 @@ def mat(folder, monkeypatch):
         path = folder / "201_CRF_data.mat"
         savemat(path, content)
         file = RemoteFile("dorf/201_CRF_data.mat", "", hashlib.sha256(path.read_bytes()).hexdigest())
-        monkeypatch.setattr(dorf, "known", lambda: {"dorf": DataSet("dorf", "", "", (file,))})
+        monkeypatch.setattr(dorf, "known", lambda: {"dorf": (file,)})
 
     return write
 

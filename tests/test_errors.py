@@ -48,7 +48,6 @@ ARRAYS = {
     "total_variance curves": metrics.total_variance,
     "nonmonotone curves": metrics.nonmonotone,
     "out_of_range curves": metrics.out_of_range,
-    "off_endpoints curves": metrics.off_endpoints,
     "decode params": GAMMA.decode,
     "fit curves": GAMMA.fit,
     "encode curves": SLR((3,)).encode,
@@ -69,7 +68,6 @@ ARRAYS = {
 TOLERANCES = {
     "nonmonotone tolerance": lambda tolerance: metrics.nonmonotone(GRID, tolerance),
     "out_of_range tolerance": lambda tolerance: metrics.out_of_range(GRID, tolerance),
-    "off_endpoints tolerance": lambda tolerance: metrics.off_endpoints(GRID, tolerance),
 }
 
 #: Takes a whole number as its one argument; 0 is none of them.
@@ -146,7 +144,7 @@ def test_a_selection_that_is_out_of_range():
             responses.select(which)
 
 
-@pytest.mark.parametrize("check", [metrics.nonmonotone, metrics.out_of_range, metrics.off_endpoints])
+@pytest.mark.parametrize("check", [metrics.nonmonotone, metrics.out_of_range])
 def test_of_a_curve_with_nan_nothing_is_said(check):
     with pytest.raises(InputError, match="holds NaN"):
         check(np.where(GRID > 0.5, np.nan, GRID))

@@ -22,7 +22,7 @@ from crfbench.curves import GRID
 from crfbench.datasets import dorf, registry
 from crfbench.datasets import fetch as fetch_module
 from crfbench.datasets.fetch import fetch
-from crfbench.datasets.registry import DataSet, RemoteFile
+from crfbench.datasets.registry import RemoteFile
 from crfbench.errors import FetchError, InputError
 
 CURVES = np.array([GRID**0.5, GRID**2.0])
@@ -112,17 +112,11 @@ def server():
     thread.join()
 
 
-def known(url: str) -> dict[str, DataSet]:
+def known(url: str) -> dict[str, tuple[RemoteFile, ...]]:
     files = tuple(RemoteFile(p, f"{url}/{p}", sha256(c)) for p, c in CONTENT.items() if p.startswith("set/"))
     mat = RemoteFile("dorf/a.mat", f"{url}/dorf/a.mat", sha256(CONTENT["dorf/a.mat"]))
     names = RemoteFile(ZIP, f"{url}/{ZIP}", None, "names come with the zip")
-    sets = (
-        DataSet("opencrf", "", ""),
-        DataSet("dorf", "", "", (mat, names)),
-        DataSet("one", "", "", files[:1]),
-        DataSet("set", "", "", files),
-    )
-    return {entry.key: entry for entry in sets}
+    return {"opencrf": (), "dorf": (mat, names), "one": files[:1], "set": files}
 
 
 @pytest.fixture
@@ -327,9 +321,9 @@ def test_ctrl_c_leaves_nothing(server, folder):
 CHILD = """
 import sys
 from crfbench.datasets import fetch as module
-from crfbench.datasets.registry import DataSet, RemoteFile
+from crfbench.datasets.registry import RemoteFile
 url, sha256 = sys.argv[1:]
-module.known = lambda: {"one": DataSet("one", "", "", (RemoteFile("set/0.bin", url, sha256),))}
+module.known = lambda: {"one": (RemoteFile("set/0.bin", url, sha256),)}
 module.fetch("one")
 """
 
@@ -357,5 +351,5 @@ def test_a_killed_process_does_no_harm(server, folder, kill):
 
 
 def test_only_the_official_dorf_has_no_checksum():
-    files = [file for entry in registry.known().values() for file in entry.files if file.sha256 is None]
+    files = [file for known in registry.known().values() for file in known if file.sha256 is None]
     assert [file.path for file in files] == [ZIP]

@@ -32,7 +32,7 @@ def test_what_cannot_be_compared_is_refused(a, b):
         metrics.rmse(a, b)
 
 
-@pytest.mark.parametrize("judge", [metrics.nonmonotone, metrics.out_of_range, metrics.off_endpoints])
+@pytest.mark.parametrize("judge", [metrics.nonmonotone, metrics.out_of_range])
 def test_what_is_no_batch_of_curves_is_refused(judge):
     for shape in ((2, 2, 1024), (0, 1024)):
         with pytest.raises(InputError) as caught:
@@ -72,7 +72,6 @@ def test_validity_flags():
     curves = np.stack([GRID, GRID**2 - 0.1 * np.sin(np.pi * GRID), 1.2 * GRID, 0.5 * GRID])
     assert metrics.nonmonotone(curves).tolist() == [False, True, False, False]
     assert metrics.out_of_range(curves).tolist() == [False, True, True, False]
-    assert metrics.off_endpoints(curves).tolist() == [False, False, True, True]
 
 
 def test_curves_may_be_integers_or_single_precision():
@@ -89,8 +88,8 @@ def test_curves_may_be_integers_or_single_precision():
 def test_tolerances_are_what_is_still_allowed(by):
     """In numbers that floating point holds exactly."""
     curves = np.array([[0, 0.5, 0.5 - by, 1], [-by, 0.5, 0.5, 1], [0, 0.5, 0.5, 1 + by]])
-    flags = metrics.nonmonotone, metrics.out_of_range, metrics.off_endpoints
+    flags = metrics.nonmonotone, metrics.out_of_range
     assert not any(flag(curves, tolerance=by).any() for flag in flags)
     if by:
         found = [flag(curves, tolerance=by / 2).tolist() for flag in flags]
-        assert found == [[True, False, False], [False, True, True], [False, True, True]]
+        assert found == [[True, False, False], [False, True, True]]

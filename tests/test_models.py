@@ -15,7 +15,7 @@ from crfbench.curves import GRID, as_valid_curves, invert
 from crfbench.datasets import load_emor_basis, load_opencrf, load_responses
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.files import bundled
-from crfbench.metrics import mse, nonmonotone, off_endpoints, rmse
+from crfbench.metrics import mse, nonmonotone, rmse
 from crfbench.models import (
     GGCM,
     MODELS,
@@ -31,6 +31,7 @@ from crfbench.models import (
 )
 from crfbench.models.base import nearest_in_table
 from scripts.build_priors import learn_prior
+from tests.support.curves import off_endpoints
 
 # Every formula, and the networks that stand for the others.
 CASES = [key for key in bundled_models() if key.constraint in {"", "ldl", "monotone"}]

@@ -76,13 +76,13 @@ def test_the_image_may_be_inside_or_beside_turned_or_small(tmp_path, photograph,
         beside=kind == "beside",
         bitmap=kind == "bitmap",
     )
-    pairs = measure_pairs(path.with_suffix(".jpg") if kind == "beside" else path, path)
-    light = np.clip(GAIN * pairs.raw @ MATRIX.T, 0, 1)
+    jpeg, raw, balance = measure_pairs(path.with_suffix(".jpg") if kind == "beside" else path, path)
+    light = np.clip(GAIN * raw @ MATRIX.T, 0, 1)
     made = np.stack([np.interp(light[:, c], GRID, truth) for c in range(3)], axis=1)
-    usable = (pairs.raw < 1).all(axis=1)
+    usable = (raw < 1).all(axis=1)
     assert usable.sum() > 200
-    assert np.sqrt(((made - pairs.jpeg)[usable] ** 2).mean()) < 0.006
-    np.testing.assert_allclose(pairs.balance, BALANCE)
+    assert np.sqrt(((made - jpeg)[usable] ** 2).mean()) < 0.006
+    np.testing.assert_allclose(balance, BALANCE)
 
 
 def test_crop_and_distortion_are_undone():

@@ -21,8 +21,9 @@ from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.datasets.dorf import parse_dorf_text
 from crfbench.errors import FormatError, InputError, MissingDataError
-from crfbench.metrics import nonmonotone, off_endpoints
+from crfbench.metrics import nonmonotone
 from crfbench.models import EMoR
+from tests.support.curves import off_endpoints
 from tests.support.responses import file_of
 
 RGB = np.array([GRID**2.0, GRID**2.2, np.expm1(3 * GRID) / np.expm1(3)])

@@ -29,13 +29,13 @@ def row(key):
 
 
 def test_known_sets_and_counts():
-    counts = {key: len(entry.files) for key, entry in registry.known().items()}
+    counts = {key: len(files) for key, files in registry.known().items()}
     assert counts == {"opencrf": 0, "dorf": 2, "emor": 2, "middlebury": 225}
 
 
 def test_addresses_are_pinned_and_checksums_whole():
-    for entry in registry.known().values():
-        for file in entry.files:
+    for files in registry.known().values():
+        for file in files:
             assert re.fullmatch(r"[0-9a-f]{64}", file.sha256 or "") or file.path == "dorf/dorfCurves.zip"
             assert re.search(r"/[0-9a-f]{40}/", file.url) or file.path == "dorf/dorfCurves.zip"
             assert file.url.endswith(file.path.rsplit("/", 1)[-1])
@@ -44,7 +44,7 @@ def test_addresses_are_pinned_and_checksums_whole():
 
 
 def test_middlebury_layout():
-    paths = [file.path.removeprefix("middlebury/modified_Middlebury/") for file in registry.known()["middlebury"].files]
+    paths = [file.path.removeprefix("middlebury/modified_Middlebury/") for file in registry.known()["middlebury"]]
     images = [path for path in paths if re.fullmatch(r"[\w-]+/wb1i[12]e[1-4]-(jpg|raw)\.png", path)]
     assert len(set(images)) == 14 * 8 * 2
     assert set(paths) - set(images) == {"tags.json"}
@@ -115,11 +115,11 @@ def test_require_says_what_to_do(folder):
 @pytest.mark.middlebury
 def test_checksums_are_those_of_the_images(middlebury_folder):
     home = middlebury_folder.parents[1]
-    for file in registry.known()["middlebury"].files:
+    for file in registry.known()["middlebury"]:
         assert hashlib.sha256((home / file.path).read_bytes()).hexdigest() == file.sha256
 
 
 @pytest.mark.dorf
 def test_checksums_are_those_of_the_text_files(emor_files):
-    for file in registry.known()["emor"].files:
+    for file in registry.known()["emor"]:
         assert hashlib.sha256((emor_files.parent / file.path).read_bytes()).hexdigest() == file.sha256

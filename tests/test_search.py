@@ -22,7 +22,7 @@ from crfbench.errors import FormatError, InputError, WorkerError
 from crfbench.metrics import mse
 from crfbench.paper.results import load_recorded
 from crfbench.search.result import COLUMNS, Journal, SearchResult, architecture, mark_choice, pareto_front, tabulate
-from crfbench.search.space import Outcome, SearchSpace, Trial, complexity
+from crfbench.search.space import Outcome, SearchSpace, complexity
 from crfbench.search.strategies import STRATEGIES, find_strategy, halving, optuna, random
 
 torch = pytest.importorskip("torch", reason="PyTorch is absent: pip install 'crfbench[train]'")
@@ -173,7 +173,7 @@ def test_grouped_folds_part_no_unit(responses):
 
 def test_every_trial_is_packed_once_with_its_like_and_the_long_ones_first(curves, responses):
     base = Stack(curves, "inverse", make_folds(responses, "random", 0), (), CONFIG, BLOCKS)
-    stacks = pack([Trial(hidden, 100) for hidden in SearchSpace()], base)
+    stacks = pack([(hidden, 100) for hidden in SearchSpace()], base)
     assert sorted(hidden for stack in stacks for hidden in stack.hidden) == sorted(SearchSpace())
     for stack in stacks:
         assert len({(len(hidden), hidden[:-1] or hidden) for hidden in stack.hidden}) == 1
@@ -275,7 +275,7 @@ def test_impossible_options_of_strategies_are_refused(strategy, wrong):
 
 def test_a_strategy_of_ones_own_is_any_function(responses, pool):
     def widest(space, epochs, done):
-        return [Trial(max(space), epochs)]
+        return [(max(space), epochs)]
 
     for strategy in (widest, partial(random, n=1)):
         assert len(search_architectures(responses, SMALL, 1, strategy, epochs=1, executor=pool).table) == 1
@@ -452,7 +452,7 @@ def test_a_worker_that_cannot_start_is_told_as_what_it_is():
     )
     failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert failed.returncode == 1
-    assert "WorkerError: a worker of the search did not start or ended by itself" in failed.stderr
+    assert "WorkerError: a worker process did not start or ended by itself" in failed.stderr
 
 
 def test_a_damaged_last_line_is_cut_off(tmp_path):
@@ -538,6 +538,6 @@ def test_one_recorded_candidate_is_recomputed(dorf_curves):
     assert len(recorded) == 156
     curves = dorf_curves.in_direction("inverse").astype(np.float32)
     base = Stack(curves, "inverse", make_folds(dorf_curves, "random", 0), (), replace(CONFIG, seed=0), BLOCKS)
-    (stack,) = pack([Trial((20,), 500)], base)
+    (stack,) = pack([((20,), 500)], base)
     row = recorded.query("h1 == 20 and h2 == 0").iloc[0]
     assert np.mean(train_stack(stack)[0].mse) == pytest.approx(row["mse"], rel=0.02)

@@ -11,9 +11,10 @@ from scipy.stats import kstest, uniform
 
 from crfbench.curves import as_valid_curves
 from crfbench.errors import FormatError, InputError, MissingDataError
-from crfbench.metrics import nonmonotone, off_endpoints, rmse
+from crfbench.metrics import nonmonotone, rmse
 from crfbench.models import SLR, ModelKey, load_model, pretrained_models
 from crfbench.models.slr import read_weights, save_weights
+from tests.support.curves import off_endpoints
 
 
 def test_the_promised_networks_are_bundled():

@@ -15,9 +15,10 @@ from crfbench.curves import GRID
 from crfbench.datasets import load_opencrf
 from crfbench.errors import FormatError, InputError, MissingDataError
 from crfbench.history import PROBES, History, load_history
-from crfbench.metrics import mse, nonmonotone, off_endpoints
+from crfbench.metrics import mse, nonmonotone
 from crfbench.models import EMoR, ModelKey, load_model
 from crfbench.training import CONFIGS, Trainer, TrainingConfig, roughness, to_torch, train
+from tests.support.curves import off_endpoints
 
 GAMMAS = GRID ** np.exp(np.linspace(-1, 1, 40))[:, None]
 QUICK = TrainingConfig(hidden=(12, 6), epochs=40)

@@ -22,7 +22,7 @@ from crfbench.checks import as_finite
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
-from crfbench.models.discrepancy import from_knots
+from crfbench.models.base import from_knots
 from crfbench.numerics import levenberg_marquardt
 
 # Tried at once: how softly colours are drawn in, which the data choose, and the prior standard deviation of the shares
@@ -71,19 +71,12 @@ class ColourCalibration:
 
     def develop(self, raw: ArrayLike) -> Array:
         """Return the brightness, shape (n, m, 3), of RAW colours, shape (n, m, 3), or (m, 3) for all cameras."""
-        light = _drawn(self._colours("raw", raw), self.matrix, self.soft)[0]
-        return np.swapaxes(_brightness(self.curves, light), 1, 2)
-
-    def undevelop(self, brightness: ArrayLike) -> Array:
-        """Return the RAW colours, shape (n, m, 3), of a brightness, shape (n, m, 3), or (m, 3) for all cameras."""
-        light = evaluate(self.curves, self._colours("brightness", brightness))
-        return to_raw(np.swapaxes(light, 1, 2), self.matrix, self.soft)
-
-    def _colours(self, name: str, values: ArrayLike) -> Array:
-        array = as_finite(name, values)
+        array = as_finite("raw", raw)
         if array.ndim not in (2, 3) or array.shape[-1] != 3 or array.shape[:-2] not in ((), (len(self),)):
-            raise InputError(f"{name} has shape {array.shape}; use (m, 3) or ({len(self)}, m, 3)")
-        return np.swapaxes(np.broadcast_to(array, (len(self), *array.shape[-2:])), 1, 2)
+            raise InputError(f"raw has shape {array.shape}; use (m, 3) or ({len(self)}, m, 3)")
+        colours = np.swapaxes(np.broadcast_to(array, (len(self), *array.shape[-2:])), 1, 2)
+        light = _drawn(colours, self.matrix, self.soft)[0]
+        return np.swapaxes(_brightness(self.curves, light), 1, 2)
 
 
 def to_raw(light: Array, matrix: Array, soft: ArrayLike) -> Array:

@@ -17,7 +17,7 @@ from crfbench.calibration.table import check_kind, decode_table, learned_prior, 
 from crfbench.curves import Array, as_valid_curves
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel, load_model
-from crfbench.models.discrepancy import KNOTS, SCALES, Discrepancy, at_knots
+from crfbench.models.base import KNOTS, SCALES, Discrepancy, at_knots
 
 Rows = list[tuple[Array, Array]]
 

@@ -36,7 +36,7 @@ from crfbench.calibration.table import BAND_SAMPLES, N_NEARBY, Table, chunks, le
 from crfbench.curves import Array
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
-from crfbench.models.discrepancy import SCALES, Discrepancy, at_knots, between_knots, from_knots
+from crfbench.models.base import SCALES, Discrepancy, at_knots, between_knots, from_knots
 
 Indices = NDArray[np.intp]
 

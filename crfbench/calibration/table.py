@@ -16,8 +16,7 @@ from crfbench.checks import check_count, check_seed
 from crfbench.curves import N_SAMPLES, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
-from crfbench.models.base import Prior
-from crfbench.models.discrepancy import at_knots
+from crfbench.models.base import Prior, at_knots
 from crfbench.numerics import Objective, levenberg_marquardt
 
 #: The samples at which bands are computed: every eighth and the last, 129 of them.

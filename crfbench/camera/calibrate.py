@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from crfbench.calibration import Calibration
 from crfbench.calibration import calibrate as calibrate_observations
 from crfbench.calibration.colour import ColourCalibration, calibrate_colour
-from crfbench.camera.aligning import find_shifts, shifted
 from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart, weighed_by_scatter
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.pairs import calibrate_pairs, scene_pairs
 from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
-from crfbench.camera.series import calibrate_series, reduce_photograph
+from crfbench.camera.series import calibrate_series, find_shifts, reduce_photograph, shifted
 from crfbench.camera.worker import WORKER
 from crfbench.checks import check_choice, check_count
 from crfbench.curves import repair

@@ -20,11 +20,10 @@ from crfbench.camera.luts import (
     read_spi1d,
     rows_of,
     scaled,
-    write_cube,
 )
 from crfbench.camera.passport import Passport
 from crfbench.checks import check_choice
-from crfbench.curves import GRID, Array, Direction, evaluate, resample
+from crfbench.curves import GRID, N_SAMPLES, Array, Direction, evaluate, resample
 from crfbench.datasets import load_emor_basis
 from crfbench.datasets.dorf import parse_dorf_text
 from crfbench.errors import FormatError, InputError, MissingDataError
@@ -159,6 +158,14 @@ def _load_array(data: bytes) -> np.ndarray:
         return flat.reshape(shape, order="F" if head["fortran"] == b"True" else "C")
     except (ValueError, OverflowError) as error:
         raise FormatError(f"the .npy file is damaged ({str(error)[:80]})") from None
+
+
+def _write_cube(passport: Passport) -> bytes:
+    # On the grid, a single curve three times, to nine decimals.
+    title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
+    columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
+    head = f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\nDOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0\n'
+    return (head + "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in columns.tolist())).encode()
 
 
 _LEVELS = 256
@@ -361,7 +368,7 @@ FORMATS: dict[str, Format] = {
     "npy": Format(".npy", _shaped(rb"(?:[13], )?1024,?"), _read_npy, _write_npy, _ANY),
     "opencv": Format(".opencv.npy", _OPENCV + rb"\A(?!\s*-)" + 2 * _THREE, _read_opencv, _write_opencv, _ANY),
     "dorf": Format(".dorf.txt", rb"(?m)^[ \t]*I[ \t]*=[ \t\r]*$", _read_dorf, _write_dorf, _ANY),
-    "cube": Format(".cube", rb"(?im)^[ \t]*LUT_[13]D_SIZE\b", read_cube, write_cube, _ANY),
+    "cube": Format(".cube", rb"(?im)^[ \t]*LUT_[13]D_SIZE\b", read_cube, _write_cube, _ANY),
     "hugin": Format(".pto", rb"(?m)^i (?:[^\n]* )?Ra", _read_hugin, _write_hugin, (1,)),
     "pcalib": Format("pcalib.txt", rb"\A\s*(?:%s[ \t]+){255}%s" % (_VALUE, _VALUE), _read_pcalib, _write_pcalib, (1,)),
     "debevec": Format(".g.npy", _shaped(rb"256,(?: [13])?") + rb"|\A(?=\s*-)" + 2 * _THREE, _read_debevec),

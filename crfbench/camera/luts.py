@@ -1,4 +1,4 @@
-"""Lookup tables of colour programs, and what every format needs: numbers out of text, and valid curves."""
+"""Read lookup tables of colour programs, and what every reader needs: numbers out of text, and valid curves."""
 
 import re
 from typing import Any
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from crfbench.camera.passport import Passport
 from crfbench.checks import parse_numbers
-from crfbench.curves import GRID, N_SAMPLES, Array, Direction, repair
+from crfbench.curves import GRID, Array, Direction, repair
 from crfbench.errors import FormatError
 
 END_TOLERANCE = 1e-6  # ends of axes and ranges are compared to it
@@ -81,14 +81,6 @@ def merged(curves: Array) -> Array:
 _TITLE = re.compile(r'^[ \t]*TITLE\b[ \t]*"?([^"\n]*).*$', re.MULTILINE | re.IGNORECASE)
 _KEYWORD = re.compile(r"[A-Z]+_\w+")
 _ENDS = {"DOMAIN_MIN": 3, "DOMAIN_MAX": 3, "LUT_1D_INPUT_RANGE": 2}
-
-
-def write_cube(passport: Passport) -> bytes:
-    """Write the inverse response on its grid, a single curve three times, to nine decimals."""
-    title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
-    columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
-    head = f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\nDOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0\n'
-    return (head + "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in columns.tolist())).encode()
 
 
 def read_cube(data: bytes) -> Passport:

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from crfbench.calibration import Calibration, Observations
 from crfbench.calibration.mixture import typical_slope
 from crfbench.calibration.observations import colour_error
-from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem, exposure_steps
-from crfbench.camera.reading import Exif, read_exif, read_image, read_raw
+from crfbench.camera.reading import Exif, read_exif, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
 from crfbench.curves import Array
 from crfbench.datasets.chart import SIZE, UNIT, as_corners, chart_colours, homography, project, sample_positions
@@ -79,7 +78,7 @@ def find_chart(image: ArrayLike) -> tuple[Array, float]:
     for longest in _LONGEST_SIDES:
         small = reduced(pixels, longest)
         # The detector enlarges the shorter side to 1000 pixels, so a strip would become huge.
-        proposed = _candidates(_stretched(small)) if min(small.shape[:2]) >= _SHORTEST_SIDE else ()
+        proposed = _candidates(small) if min(small.shape[:2]) >= _SHORTEST_SIDE else ()
         readings = [_read(pixels, corners) for corners in proposed]
         if charts := [reading for reading in readings if not reading.fault]:
             best = min(charts, key=lambda reading: reading.unevenness)
@@ -183,16 +182,13 @@ def _check_image(image: ArrayLike) -> NDArray:
     return pixels
 
 
-def _stretched(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return the photograph in 8 bits, each channel stretched to the full range, blue first."""
-    white = np.maximum(np.percentile(pixels, 99.5, axis=(0, 1)), 1e-3)
-    return np.rint(255 * np.clip(pixels / white, 0, 1)).astype(np.uint8)[..., ::-1].copy()
-
-
-def _candidates(image: NDArray[np.uint8]) -> Iterator[Array]:
+def _candidates(pixels: NDArray[np.float32]) -> Iterator[Array]:
     """Yield the corners of the patches of all that may be a chart, clockwise, as fractions of the image."""
     import cv2
 
+    # In 8 bits, each channel stretched to the full range, blue first.
+    white = np.maximum(np.percentile(pixels, 99.5, axis=(0, 1)), 1e-3)
+    image = np.rint(255 * np.clip(pixels / white, 0, 1)).astype(np.uint8)[..., ::-1].copy()
     detector = cv2.mcc.CCheckerDetector.create()
     detector.setColorChartType(cv2.mcc.MCC24)  # must be said: OpenCV 5.0 leaves it uninitialised
     detector.setUseDnnModel(False)

@@ -82,7 +82,9 @@ def merge_series(
         if not total.size:
             total, weighted = np.zeros((2, *image.shape), dtype=np.float32)
             tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1, noise)
-            clear = _without_noise(tables)
+            # A level below its own noise may be stray light, which a short exposure makes large.
+            sure = tables[0] >= 1.0
+            clear = [tables[0] * sure, tables[1] * sure, tables[2]]
         step = max(1, _PART // image.shape[1])
         for rows in (slice(first, first + step) for first in range(0, len(image), step)):
             known = tables if exposure == light.max() else clear
@@ -130,12 +132,6 @@ def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[
     weight = np.where(measured, 1.0 / np.maximum(variance, _LEAST), 0.0)
     bound = np.where(measured, 0.0, g)
     return [table.T[:, None].astype(np.float32) for table in (weight, weight * g, bound)]
-
-
-def _without_noise(tables: Sequence[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
-    """Let levels below their own noise weigh nothing: they may be stray light, which a short exposure makes large."""
-    weight, times, bound = tables
-    return [*(np.where(weight < 1.0, np.float32(0), table) for table in (weight, times)), bound]
 
 
 def _add(

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +15,17 @@ from crfbench.calibration import Calibration
 from crfbench.calibration.colour import RAW_FULL, ColourCalibration, calibrate_colour
 from crfbench.calibration.observations import SATURATED
 from crfbench.calibration.posterior import Noise
-from crfbench.camera.aligning import reduced
 from crfbench.camera.photographs import Pair, Problem
-from crfbench.camera.reading import read_balance, read_image, read_raw
+from crfbench.camera.reading import read_balance, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import FormatError
 from crfbench.models import ResponseModel
 
 Pixels = NDArray[np.float32]
+#: What one photograph of a scene says of its camera: brightness (m, 3); RAW (m, 3), balanced by the camera's factors,
+#: at most 1, the full scale of green; and those factors (3,).
+ScenePairs = tuple[Array, Array, Array]
 
 _LONGEST_SIDE = 2048  # larger photographs are reduced to it
 # Coarse to fine: longer side, degree of the shifts, steps.
@@ -44,14 +45,6 @@ _BEYOND, _SCALE = 0.5, 0.25
 # What is left out: this often the usual residual, in brightness, and more than cameras leave anyway.
 _ODD, _ALIKE = 2.0, 0.02
 _SCATTER = 0.005  # of brightness about the curves, that is expected at the least
-
-
-class ScenePairs(NamedTuple):
-    """What one photograph of a scene says of its camera."""
-
-    jpeg: Array  # shape (m, 3); brightness
-    raw: Array  # shape (m, 3); balanced by the camera's factors, at most 1, the full scale of green
-    balance: Array  # shape (3,); those factors
 
 
 def scene_pairs(pairs: Sequence[Pair], white_level: int | None = None) -> tuple[dict[Path, ScenePairs], list[Problem]]:
@@ -99,18 +92,18 @@ def calibrate_pairs(
     files = f"{used.sum()} RAW file{'s' if used.sum() > 1 else ''}"
     off = f"{255 * rest:.1f} counts of 255 ({stops:.2f} stops)"
     note = f"without a chart: matrix and curves of {files} are off the JPEG by {off}, for which the bands allow"
-    balance = next(iter(measured.values())).balance
+    balance = next(iter(measured.values()))[2]
     return replace(found, matrix=found.matrix * balance, calibration=calibration), odd, note
 
 
 def _padded(photographs: list[ScenePairs]) -> tuple[Array, Array, Array]:
     """Return brightness and RAW, (e, longest, 3) each, and what each pair counts for, 0 where there is none."""
-    longest = max(len(each.jpeg) for each in photographs)
+    longest = max(len(brightness) for brightness, _, _ in photographs)
     jpeg, raw = np.full((2, len(photographs), longest, 3), 0.5)
     weights = np.zeros(jpeg.shape[:2])
-    for i, each in enumerate(photographs):
-        m = len(each.jpeg)
-        jpeg[i, :m], raw[i, :m], weights[i, :m] = each.jpeg, each.raw, min(1.0, _TELLING / m)
+    for i, (brightness, light, _) in enumerate(photographs):
+        m = len(brightness)
+        jpeg[i, :m], raw[i, :m], weights[i, :m] = brightness, light, min(1.0, _TELLING / m)
     return jpeg, raw, weights
 
 
@@ -164,7 +157,7 @@ def measure_pairs(jpeg: Path, raw: Path, white_level: int | None = None) -> Scen
             f"{jpeg.name} has flat areas of {len(light)} colours, neither black nor white, and {_LEAST_CELLS} are "
             "needed; use a photograph with more of them"
         )
-    return ScenePairs(brightness, np.minimum(light, 1.0), balance.astype(np.float64))
+    return brightness, np.minimum(light, 1.0), balance.astype(np.float64)
 
 
 def lay_over(linear: Pixels, image: Pixels, balance: NDArray[np.float32]) -> tuple[Pixels, float]:

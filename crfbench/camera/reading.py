@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,8 @@ _DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, EOFError, ValueError, TypeError, KeyError, IndexError, SyntaxError, OverflowError, RuntimeError),
     *(ZeroDivisionError, AttributeError, struct.error),
 )
+
+Pixels = TypeVar("Pixels", bound=NDArray[Any])
 
 
 @dataclass(frozen=True)
@@ -387,3 +389,12 @@ def _content(path: Path) -> bytes:
 def _check_size(path: Path, width: int, height: int) -> None:
     if not 0 < width * height <= MAX_PIXELS:
         raise FormatError(f"{path.name} announces {width} x {height} pixels; use 1 to {MAX_PIXELS} pixels")
+
+
+def reduced(pixels: Pixels, longest: int) -> Pixels:
+    """Reduce an image (h, w) or (h, w, c) so that its longer side has no more than that many pixels."""
+    import cv2
+
+    scale = min(1.0, longest / max(pixels.shape[:2]))
+    size = [max(2, round(scale * length)) for length in pixels.shape[1::-1]]
+    return cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)  # type: ignore[return-value]

@@ -6,6 +6,7 @@ What a series is calibrated from are small flat blocks of the photographs that c
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any, NamedTuple
@@ -15,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Calibration, Noise, Observations, calibrate
 from crfbench.calibration.observations import SATURATED
-from crfbench.camera.aligning import equalised, find_shifts, shifted
-from crfbench.camera.reading import read_levels
+from crfbench.camera.reading import read_levels, reduced
 from crfbench.checks import as_numbers, check_count, check_seed
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
@@ -42,6 +42,9 @@ _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200,
 # and that which stays: where fewer would, it is not the scene that moves.
 _ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW, _LEFT = 5, 0.35, 0.3, 6.0, 0.03, 0.01, 0.25
 _FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
+# Of aligning: the longer side of the pictures that are compared, in pixels; and the peak of phase correlation, which
+# is 1 for the same picture and near 0 for another, from which on it counts.
+_WIDEST, _SURE = 1024, 0.3
 _CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
 
 
@@ -74,12 +77,58 @@ def align_series(images: Sequence[ArrayLike], exposures: ArrayLike) -> tuple[lis
     """Shift the photographs of a series from the hand by whole pixels to where they show the same.
 
     Returns the images, 0 where a photograph shows nothing, and by how many columns and rows each was shifted (e, 2),
-    from `crfbench.camera.aligning.find_shifts`. `images` and `exposures` are as in `merge_series`.
+    from `find_shifts`. `images` and `exposures` are as in `merge_series`.
     """
     arrays = as_series(images)
     stops = as_stops(exposures, len(arrays))
     shifts = find_shifts([equalised(array) for array in arrays], stops, arrays[0].shape)
     return [shifted(array, *shift) for array, shift in zip(arrays, shifts, strict=True)], shifts
+
+
+def equalised(array: NDArray[Any]) -> NDArray[np.uint8]:
+    """Reduce the green channel of an image (h, w, c) of 8 or 16 bits to what no response and no exposure changes."""
+    import cv2
+
+    plane = array[..., array.shape[2] // 2]
+    levels = np.ascontiguousarray(plane >> 8 if plane.dtype == np.uint16 else plane).astype(np.uint8)
+    return np.asarray(cv2.equalizeHist(reduced(levels, _WIDEST)), dtype=np.uint8)
+
+
+def find_shifts(pictures: Sequence[NDArray[np.uint8]], stops: Array, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Say by how many whole columns and rows to shift each photograph to where they all show the same.
+
+    Each is compared with that of the next exposure, by phase correlation (Kuglin and Hines 1975). Where two do not
+    correlate, they count as aligned. Takes the `pictures` from `equalised`, exposures (e,), of which the photograph of
+    the middle one stays where it is, and the shape of the photographs; returns shape (e, 2).
+    """
+    order = np.argsort(stops, kind="stable")
+    scale = max(shape[:2]) / max(pictures[0].shape)
+    steps = [scale * _shift(pictures[early], pictures[late]) for early, late in pairwise(order)]
+    along = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    shifts = np.empty(along.shape, dtype=np.intp)
+    shifts[order] = np.rint(along[len(order) // 2] - along)
+    return shifts
+
+
+def shifted(array: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
+    """Shift the content of an image (h, w) or (h, w, c) right and down; what comes in from outside is 0."""
+    moved = np.zeros_like(array)
+    height, width = array.shape[:2]
+    to, source = (
+        tuple(slice(max(sign * n, 0), length + min(sign * n, 0)) for n, length in ((rows, height), (columns, width)))
+        for sign in (1, -1)
+    )
+    moved[to] = array[source]
+    return moved
+
+
+def _shift(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Array:
+    """Return by how many columns and rows the second picture is off the first, 0 where that is not sure."""
+    import cv2
+
+    window = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
+    found, sure = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
+    return np.array(found if sure > _SURE else (0.0, 0.0))
 
 
 def calibrate_series(
@@ -128,7 +177,12 @@ def calibrate_series(
     floor = black_floor(images, exposures, found.curves)
     if floor.any():
         light = still & (observations.brightness > floor[:, None, None])
-        found = _above_floor(fit(_weighted(observations, light), method), floor)
+        # What lies below the floor has irradiance 0, up to what its band says.
+        found, below = fit(_weighted(observations, light), method), floor[:, None] > GRID
+        bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
+        found = replace(found, curves=np.where(below, 0.0, found.curves), bands=bands)
+        text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
+        found = _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
     share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
     text = "{:.0%} of the blocks do not follow the exposures, as where something moves; they are left out"
     return _told(found, [text.format(each) if each > _FEW else "" for each in share])
@@ -157,17 +211,13 @@ def _estimated(
     stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
     found = calibrate_series(images, stops, model, method, **same)
     power = usual.std() / abs(usual.mean())  # its relative standard deviation
-    bands = {level: _with_power(found.curves, band, power, level) for level, band in found.bands.items()}
+    logs, bands = np.log(np.maximum(found.curves, _LEAST)), {}
+    for level, band in found.bands.items():  # an uncertain power widens them in log irradiance
+        wide = NormalDist().inv_cdf(0.5 + level / 2) * power * np.abs(logs)
+        low, high = (np.hypot(np.log(np.maximum(edge, _LEAST)) - logs, wide) for edge in band)
+        bands[level] = found.curves * np.exp(-low), found.curves * np.exp(high)
     said = "the exposures are estimated from the photographs: any power of the curve fits as well, as its band says"
     return _told(replace(found, bands=bands), [said] * len(found))
-
-
-def _with_power(curves: Array, band: tuple[Array, Array], power: float, level: float) -> tuple[Array, Array]:
-    """Widen a band in log irradiance by an uncertain power of the curves."""
-    logs = np.log(np.maximum(curves, _LEAST))
-    wide = NormalDist().inv_cdf(0.5 + level / 2) * power * np.abs(logs)
-    low, high = (np.hypot(np.log(np.maximum(edge, _LEAST)) - logs, wide) for edge in band)
-    return curves * np.exp(-low), curves * np.exp(high)
 
 
 def black_floor(images: Sequence[ArrayLike | Reduced], exposures: ArrayLike, curves: Array) -> Array:
@@ -203,15 +253,6 @@ def _floor(levels: NDArray[np.int16], stops: Array, curve: Array, pairs: list[tu
     risen, rises, count = (np.convolve(row, np.ones(3), "same") for row in sums)
     still = (risen < 0.5 * rises) & (count > _FLOOR_SHARE * max(count.sum(), 1))
     return int(np.flatnonzero(still[:_DARK]).max(initial=-1)) + 1
-
-
-def _above_floor(found: Calibration, floor: Array) -> Calibration:
-    """Give what lies below the floor irradiance 0, up to what its band says, and tell it."""
-    below = floor[:, None] > GRID
-    bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
-    text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
-    found = replace(found, curves=np.where(below, 0.0, found.curves), bands=bands)
-    return _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
 
 
 def _told(found: Calibration, sentences: Sequence[str]) -> Calibration:

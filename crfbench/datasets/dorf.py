@@ -74,7 +74,7 @@ def _read_mat(path: Path) -> Responses:
     # SciPy's reader can crash on damaged bytes, so it gets only the file that is known.
     with path.open("rb") as file:
         found = hashlib.file_digest(file, "sha256").hexdigest()
-    if found not in (file.sha256 for file in known()["dorf"].files):
+    if found not in (file.sha256 for file in known()["dorf"]):
         raise FormatError(f"its SHA-256 {found} is not the known one")
     content = loadmat(path, variable_names=["I", "B"])
     curves = _known_curves(as_curves(content["I"]), as_curves(content["B"]))

@@ -6,9 +6,6 @@ that broke off goes on where it stopped. Only a killed process leaves its tempor
 nothing reads.
 """
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pooch
@@ -17,7 +14,7 @@ from tqdm import tqdm
 
 from crfbench.checks import check_choice
 from crfbench.datasets.dorf import read_official
-from crfbench.datasets.registry import DataSet, RemoteFile, folders, known
+from crfbench.datasets.registry import RemoteFile, folders, known
 from crfbench.errors import CrfbenchError, FetchError, InputError
 
 TIMEOUT = (30.0, 30.0)  # seconds, for the connection and for the next bytes
@@ -51,33 +48,21 @@ def fetch(key: str = "all", folder: Path | None = None, mirror: str | None = Non
         raise InputError(f"mirror={mirror!r} is not a web address; use one that starts with http:// or https://")
     target = Path(folder) if folder is not None else folders()[0]
     paths, failures = [], []
-    with _quiet_pooch():
-        for entry in known().values() if key == "all" else (known()[key],):
-            try:
-                paths += _fetch_set(entry, Path(target).expanduser(), mirror, progress)
-            except FetchError as error:
-                failures.append(str(error))
+    pooch.get_logger().setLevel("WARNING")  # its line a file would break the progress bars
+    for which in known() if key == "all" else (key,):
+        try:
+            paths += _fetch_set(which, Path(target).expanduser(), mirror, progress)
+        except FetchError as error:
+            failures.append(str(error))
     if failures:
         raise FetchError("; ".join(failures))
     return paths
 
 
-@contextmanager
-def _quiet_pooch() -> Iterator[None]:
-    """Silence pooch's line a file, which would break the progress bars."""
-    logger = pooch.get_logger()
-    level = logger.level
-    logger.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
-
-
-def _fetch_set(entry: DataSet, target: Path, mirror: str | None, progress: bool) -> list[Path]:
-    many = len(entry.files) > _FEW
-    files = tqdm(entry.files, desc=entry.key, unit="file", disable=not (progress and many), ncols=79)
-    return [_fetch_file(file, entry.key, target, mirror, progress and not many) for file in files]
+def _fetch_set(key: str, target: Path, mirror: str | None, progress: bool) -> list[Path]:
+    many = len(known()[key]) > _FEW
+    files = tqdm(known()[key], desc=key, unit="file", disable=not (progress and many), ncols=79)
+    return [_fetch_file(file, key, target, mirror, progress and not many) for file in files]
 
 
 def _fetch_file(file: RemoteFile, key: str, target: Path, mirror: str | None, progress: bool) -> Path:

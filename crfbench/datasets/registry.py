@@ -27,21 +27,16 @@ class RemoteFile:
     without: str = ""  # what only this file has, where all else works without it; empty if nothing does
 
 
-@dataclass(frozen=True)
-class DataSet:
-    """A data set: its key, one line on what it is, its licence, and its files (none if it is bundled)."""
-
-    key: str
-    what: str
-    licence: str
-    files: tuple[RemoteFile, ...] = ()
+@cache
+def _entries() -> list[dict[str, Any]]:
+    content: list[dict[str, Any]] = json.loads(bundled("data/registry/datasets.json").read_text(encoding="utf-8"))
+    return content
 
 
 @cache
-def known() -> dict[str, DataSet]:
-    """Return every known data set by its key."""
-    entries = json.loads(bundled("data/registry/datasets.json").read_text(encoding="utf-8"))
-    return {entry["key"]: DataSet(entry["key"], entry["what"], entry["licence"], _files(entry)) for entry in entries}
+def known() -> dict[str, tuple[RemoteFile, ...]]:
+    """Return the files of every known data set by its key; none if it is bundled."""
+    return {entry["key"]: _files(entry) for entry in _entries()}
 
 
 def _files(entry: dict[str, Any]) -> tuple[RemoteFile, ...]:
@@ -90,20 +85,18 @@ def status() -> list[dict[str, str]]:
     here", with what is not), "partial (n of m)" or "absent".
     """
     rows = []
-    for entry in known().values():
-        present, where = _presence(entry)
-        rows.append(
-            {"key": entry.key, "what": entry.what, "licence": entry.licence, "present": present, "where": where}
-        )
+    for entry in _entries():
+        present, where = _presence(entry["key"])
+        rows.append({name: entry[name] for name in ("key", "what", "licence")} | {"present": present, "where": where})
     return rows
 
 
-def _presence(entry: DataSet) -> tuple[str, str]:
-    if not entry.files:
-        return "bundled", str(bundled(f"data/{entry.key}.npz"))
+def _presence(key: str) -> tuple[str, str]:
+    if not (files := known()[key]):
+        return "bundled", str(bundled(f"data/{key}.npz"))
     # A set may be divided: some of its files in the user's folder, the rest in the cache.
-    homes = [str(home) for file in entry.files if (home := _home(file.path))]
-    where, absent = " and ".join(dict.fromkeys(homes)), [file for file in entry.files if not _home(file.path)]
+    homes = [str(home) for file in files if (home := _home(file.path))]
+    where, absent = " and ".join(dict.fromkeys(homes)), [file for file in files if not _home(file.path)]
     if all(file.without for file in absent):
         return f"complete for everything here ({absent[0].without})" if absent else "complete", where
-    return (f"partial ({len(homes)} of {len(entry.files)})" if homes else "absent"), where
+    return (f"partial ({len(homes)} of {len(files)})" if homes else "absent"), where

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from crfbench.checks import as_finite, check_count
 from crfbench.curves import GRID, Array, Direction, as_scaled_curves, check_direction
 from crfbench.errors import InputError
-from crfbench.models.base import ClosedForm, Prior, refine
-from crfbench.models.discrepancy import KNOTS, at_knots, between_knots, from_knots
+from crfbench.models.base import KNOTS, ClosedForm, Prior, at_knots, between_knots, from_knots, refine
 
 
 class Kernel(ClosedForm):

@@ -17,8 +17,7 @@ from crfbench.curves import GRID, Direction, check_direction
 from crfbench.datasets import load_emor_basis
 from crfbench.errors import FormatError, InputError
 from crfbench.files import NPZ_DAMAGE, bundled
-from crfbench.models.base import ClosedForm, Prior, ResponseModel
-from crfbench.models.discrepancy import Discrepancy
+from crfbench.models.base import ClosedForm, Discrepancy, Prior, ResponseModel
 from crfbench.models.emor import EMoR
 from crfbench.models.gamma import Gamma
 from crfbench.models.ggcm import GGCM

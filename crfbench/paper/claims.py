@@ -66,14 +66,12 @@ def verdict_counts(claims: pd.DataFrame, distinct: bool = False) -> pd.DataFrame
 
 @claim("4.4", "mean RMSE of SLR, in the text as in Table 1", how=_FITS, printed="5.61E-4")
 def one_figure(results: PaperResults) -> Claim:
-    """Compare the text with the table."""
     why = f"Table 1 prints {FITTING[_SLR]}; one of the two is a slip, and ours is of another size."
     return Claim(ours=scientific(results.fits()["mean_rmse"][_SLR]), verdict="differs", why=why)
 
 
 @claim("4.4", "SLR is more than ten-folds better than most of the others", how=_FITS, group="ten-folds")
 def ten_folds(results: PaperResults) -> Claim:
-    """Count the other figures of Table 1 that lie ten times above SLR's."""
     ours = results.fits()["mean_rmse"]
     others = [name for name in FITTING if name != _SLR]
     above = sum(ours[name] > 10 * ours[_SLR] for name in others)
@@ -84,7 +82,6 @@ def ten_folds(results: PaperResults) -> Claim:
 
 @claim("5", "ten-folds better in cross-validation", how=_FITS, group="ten-folds")
 def ten_folds_unseen(results: PaperResults) -> Claim:
-    """Compare SLR with EMoR on unseen curves."""
     emor = results.fits("grouped-5fold")["mean_rmse"]["EMoR-1-forward"]
     slr = results.held_out.query("model == @_SLR")["mean_rmse"]
     ratio = emor / slr
@@ -95,7 +92,6 @@ def ten_folds_unseen(results: PaperResults) -> Claim:
 
 @claim("abstract", "SLR represents responses with state-of-the-art accuracy", how=_FITS)
 def state_of_the_art(results: PaperResults) -> Claim:
-    """Rank SLR among the models of Table 1, with one parameter and in all."""
     ours = results.fits()["mean_rmse"][list(FITTING)]
     one, better = ours[ours.index.str.endswith("-1-forward")], ours[ours < ours[_SLR]]
     rank = int((one < ours[_SLR]).sum()) + 1
@@ -111,7 +107,6 @@ def state_of_the_art(results: PaperResults) -> Claim:
     how="crfbench.paper.fitting.papers_rising_rows",
 )
 def optimal(results: PaperResults) -> Claim:
-    """Count the steps of Table 1 where one more parameter makes things worse."""
     rising = papers_rising_rows()
     why = "A best fit cannot get worse by one more parameter, since that could be zero; ours never do."
     return Claim(ours=f"{len(rising)} of 9 steps rise in Table 1", verdict=in_words(not rising), why=why)
@@ -119,7 +114,6 @@ def optimal(results: PaperResults) -> Claim:
 
 @claim("4.4", "Gamma, and GGCM with one parameter, fit as Table 1 says", how=_FITS)
 def gamma_within_ggcm(results: PaperResults) -> Claim:
-    """Compare two names of one model."""
     ours, names = results.fits()["mean_rmse"], ("Gamma-1-forward", "GGCM-1-forward")
     printed = [FITTING[name] for name in names]
     why = f"x^w is both models, so the numbers must agree; Table 1 prints {' and '.join(printed)}."
@@ -129,13 +123,11 @@ def gamma_within_ggcm(results: PaperResults) -> Claim:
 
 @claim("4.5", "SLR is the most stable with varied numbers of patches", how=_STABILITIES)
 def most_stable(results: PaperResults) -> Claim:
-    """Compare the total variances."""
     return _least_of_table_2(results, "total_variance", "Total variance, mean over seeds")
 
 
 @claim("4.5", "SLR comes nearest to the measured values of the Canon PowerShot G9", how=_STABILITIES)
 def nearest_to_truth(results: PaperResults) -> Claim:
-    """Compare the RMSE of the curves of Table 2."""
     return _least_of_table_2(results, "mean_rmse", "Mean RMSE of the same four curves against RAW")
 
 
@@ -151,7 +143,6 @@ def _least_of_table_2(results: PaperResults, column: str, what: str) -> Claim:
 
 @claim("4.5", "SLR with LDL and one latent calibrates most accurately of all", how=_CALIBRATIONS)
 def most_accurate(results: PaperResults) -> Claim:
-    """Rank the calibrations."""
     table = _accuracy(results)
     mean = table["mean"].sort_values()
     rank = list(mean.index).index(_LDL) + 1
@@ -168,7 +159,6 @@ def most_accurate(results: PaperResults) -> Claim:
 
 @claim("4.5", "LDL improves calibration over the baseline", how=_CALIBRATIONS)
 def ldl_helps(results: PaperResults) -> Claim:
-    """Compare LDL with no constraint, camera by camera."""
     row = _accuracy(results).loc["SLR-baseline-1"]
     low, high = row["difference_low"], row["difference_high"]
     why = "Baseline less LDL in mean RMSE, paired by camera; in the paper it is +0.013."
@@ -180,7 +170,6 @@ def ldl_helps(results: PaperResults) -> Claim:
 
 @claim("4.2", "a difference in RMSE above this is significant", how=_CALIBRATIONS, printed="0.005")
 def significant(results: PaperResults) -> Claim:
-    """Compare the threshold with what a bootstrap over the cameras can tell apart."""
     rows = _accuracy(results).drop(_LDL)
     half = (rows["difference_high"] - rows["difference_low"]) / 2
     why = "Half the width of the 95 % interval of a paired difference over 14 cameras, median over the rows."
@@ -191,7 +180,6 @@ def significant(results: PaperResults) -> Claim:
 
 @claim("4.5", "AUC calibrates faster than LDL but less accurately", how=_CALIBRATIONS)
 def auc_trades(results: PaperResults) -> Claim:
-    """Compare AUC with LDL in time and RMSE."""
     table = _accuracy(results)
     row, ldl = table.loc["SLR-auc-1"], table.loc[_LDL]
     low, high = row["difference_low"], row["difference_high"]
@@ -223,7 +211,6 @@ def papers_impossible_spreads() -> list[str]:
     how=f"{_HERE}.papers_impossible_spreads",
 )
 def impossible_spread(results: PaperResults) -> Claim:
-    """Check the printed statistics against each other."""
     found = papers_impossible_spreads()
     why = f"{'; '.join(found)}; the printed s.d. equals the printed median, so it may be a slip."
     return Claim(ours=f"{len(found)} of {len(CALIBRATION)} rows cannot", verdict=in_words(not found), why=why)
@@ -231,14 +218,12 @@ def impossible_spread(results: PaperResults) -> Claim:
 
 @claim("4.2", "number of metrics in the second experiment, in the text as in Table 3", how=_CALIBRATIONS, printed="5")
 def metrics(results: PaperResults) -> Claim:
-    """Count the columns of Table 3."""
     why = "The text counts five, four of them of accuracy; the table and its caption have six, with the median."
     return Claim(ours=str(len(CALIBRATION_COLUMNS)), why=why)
 
 
 @claim("4.5, Table 3", "photographs that a camera is calibrated with", how=_CALIBRATIONS, printed="8")
 def calibration_images(results: PaperResults) -> Claim:
-    """Count the photographs of one illumination."""
     why = "The released program calibrates on four and tests on the other four, as 'double cross-validation' needs."
     return Claim(ours=str(results.patches["exposure"].nunique()), why=why)
 

@@ -27,7 +27,6 @@ _SMALL_KL = 1e-3
 
 @claim("2; 4.1", "DoRF holds so many responses", how=_DORF, printed="201")
 def responses(results: PaperResults) -> Claim:
-    """Count the curves of DoRF."""
     return Claim(ours=str(results.copies["curves"].item()), why="Counted in the file.")
 
 
@@ -38,7 +37,6 @@ def responses(results: PaperResults) -> Claim:
     printed="201",
 )
 def cameras_of_dorf(results: PaperResults) -> Claim:
-    """Count what the curves of DoRF were measured on."""
     row = results.copies.iloc[0]
     why = (
         f"{row['not_alone']} of the {row['curves']} curves have another within an RMSE of 0.01: layers of one film, "
@@ -49,7 +47,6 @@ def cameras_of_dorf(results: PaperResults) -> Claim:
 
 @claim("2", "each is sampled at so many points", how=_DORF, printed="1024")
 def samples(results: PaperResults) -> Claim:
-    """Compare the grid."""
     return Claim(ours=str(N_SAMPLES), why="Every file with another number is refused.")
 
 
@@ -64,7 +61,6 @@ def emor_energy(results: PaperResults, k: int = 3) -> float:
 
 @claim("2", "share of DoRF's energy in three principal components", how=f"{_HERE}.emor_energy", printed="99.5")
 def energy(results: PaperResults) -> Claim:
-    """Compare the energy of three components."""
     share = emor_energy(results)
     verdict = "reproduced" if abs(share - 99.5) <= 0.1 else "differs"
     return Claim(ours=f"{share:.1f}", verdict=verdict, why="Principal components of the same 201 curves.")
@@ -72,7 +68,6 @@ def energy(results: PaperResults) -> Claim:
 
 @claim("2", "polynomial and gamma fit slightly worse than EMoR", how=_FITS)
 def classical_models(results: PaperResults) -> Claim:
-    """Compare as many parameters each."""
     ours = results.fits()["mean_rmse"]
     rivals = ("Gamma-1", "Polynomial-2", "Polynomial-3", "Polynomial-4")
     gamma, *polynomial = (ours[f"{name}-forward"] / ours[f"EMoR-published-{name[-1]}-forward"] for name in rivals)
@@ -105,20 +100,17 @@ _patch_count("colour patches labelled in each photograph", "24", ["patch"])
 
 @claim("4.1", "these cameras have the more uniform channels", how=_PATCHES)
 def uniform_channels(results: PaperResults) -> Claim:
-    """Say what would be needed."""
     why = "The cameras that were not taken are not in the published set."
     return Claim(ours="–", verdict="not comparable", why=why)
 
 
 @claim("3.2", "valid candidate architectures", how="crfbench.search.SearchSpace", printed="156")
 def candidates(results: PaperResults) -> Claim:
-    """Count candidate architectures."""
     return Claim(ours=str(len(SearchSpace())), why="6 x (1 + 5 x 5): no third layer without a second.")
 
 
 @claim("3.2", "seconds in which each is judged, at most", how=_SEARCH, printed="60")
 def candidate_time(results: PaperResults) -> Claim:
-    """Look at the slowest candidate."""
     slowest = float(results.search["seconds"].max())
     why = "The slowest candidate, three folds, one processor core, no graphics card."
     return Claim(ours=f"{slowest:.0f} s", verdict=in_words(slowest < 60), why=why)
@@ -126,7 +118,6 @@ def candidate_time(results: PaperResults) -> Claim:
 
 @claim("3.2", "the architecture that the search finds", how=_SEARCH, printed="(50, 20)")
 def architecture_found(results: PaperResults) -> Claim:
-    """Compare the choices of the search, by seed, with the released program's."""
     chosen = results.search_seeds[results.search_seeds["chosen"]]
     by_seed = [str(architecture(row)) for _, row in chosen.iterrows()]
     verdict = "reproduced" if by_seed.count("(50, 20)") > len(by_seed) / 2 else "differs"
@@ -141,7 +132,6 @@ def smoothness_loss(curve: np.ndarray) -> float:
 
 @claim("3.1", "the norm of the first derivative tells smooth curves from rough ones", how=f"{_HERE}.smoothness_loss")
 def smoothness(results: PaperResults) -> Claim:
-    """Compare the loss of a smooth curve and a rough one."""
     smooth, rough = GRID ** (1 / 2.2), GRID + 0.0004 * (-1.0) ** np.arange(N_SAMPLES)
     losses = smoothness_loss(smooth), smoothness_loss(rough)
     why = "The norm is least for the straight line, so it flattens curves; the second derivative would smooth them."
@@ -157,7 +147,6 @@ def printed_variance(n: int = 201) -> float:
 
 @claim("3.3", "the sum of squared deviations estimates the latents' variance", how=f"{_HERE}.printed_variance")
 def variance(results: PaperResults) -> Claim:
-    """Apply the printed estimate to draws of variance 1."""
     value = printed_variance()
     why = "The formula lacks 1/N; with it the estimate is right, and it is what we train with."
     return Claim(ours=f"{value:.0f} for 201 draws of variance 1", verdict=in_words(abs(value - 1) < NEAR_ONE), why=why)
@@ -165,7 +154,6 @@ def variance(results: PaperResults) -> Claim:
 
 @claim("4.3", "LDL leads to an accurate latent distribution", how=_TRAININGS)
 def ldl_accurate(results: PaperResults) -> Claim:
-    """Look at the largest KL divergence of the seeds."""
     kl = _means(results, "kl")
     others = ", ".join(f"{name} {kl[name]:.2g}" for name in CONSTRAINTS[1:])
     why = f"KL divergence of mean and s.d. to N(0, 1), which LDL minimises, mean of the seeds; {others}."
@@ -175,7 +163,6 @@ def ldl_accurate(results: PaperResults) -> Claim:
 
 @claim("4.3", "LDL converges rapidly, VAE and no constraint slowly", how=_TRAININGS)
 def ldl_rapid(results: PaperResults) -> Claim:
-    """Compare the epochs from which the latents stay near their objective."""
     settled = results.trainings.fillna({"settled": np.inf}).groupby("constraint")["settled"].median()
     shown = {name: "never" if np.isinf(settled[name]) else f"{settled[name]:.0f}" for name in CONSTRAINTS}
     holds = bool(settled["ldl"] < settled["vae"] < np.inf and settled["vae"] < settled["baseline"])
@@ -188,7 +175,6 @@ def ldl_rapid(results: PaperResults) -> Claim:
 
 @claim("4.3", "AAE's latent distribution is unstable compared to the others", how=_TRAININGS)
 def aae_unstable(results: PaperResults) -> Claim:
-    """Compare how much the latents' spread still moves late in training."""
     swing = _means(results, "swing").drop("baseline")
     others = ", ".join(f"{name} {value:.3f}" for name, value in swing.drop("aae").items())
     why = f"Range of the latents' s.d. after a third of the epochs, mean of the seeds; {others}."
@@ -201,7 +187,6 @@ def aae_unstable(results: PaperResults) -> Claim:
 
 @claim("4.3", "AUC gives a narrow, sharp latent distribution", how=_TRAININGS)
 def auc_sharp(results: PaperResults) -> Claim:
-    """Say why the comparison is empty."""
     sd, spread = _means(results, "sd")["auc"], _range(results, "sd", "auc")
     why = "The labels are sums of up to hundreds; the paper does not say how they were scaled, and the scale decides."
     return Claim(ours=f"s.d. {sd:.2f}", spread=spread, verdict="not comparable", why=why)
@@ -209,7 +194,6 @@ def auc_sharp(results: PaperResults) -> Claim:
 
 @claim("4.3", "LDL performs best of the constraints", how=_TRAININGS)
 def ldl_best(results: PaperResults) -> Claim:
-    """Compare how near the latents come to N(0, 1), by two measures, in the mean of the seeds."""
     kl, ks = _means(results, "kl"), _means(results, "ks")
     firsts = {kl.idxmin(), ks.idxmin()}
     others = ", ".join(f"{name} {ks[name]:.2g}" for name in CONSTRAINTS[1:])

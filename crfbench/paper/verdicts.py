@@ -66,7 +66,7 @@ def claim(where: str, text: str, how: str, printed: str = "", group: str = "") -
             verdict = found.verdict or ("reproduced" if found.ours == printed else "differs")
             return found._replace(claim=text, where=where, paper=printed, how=how, verdict=verdict, group=group or text)
 
-        judged.__doc__ = check.__doc__ or text
+        judged.__doc__ = text
         CHECKS.append(judged)
         return judged
 

@@ -10,6 +10,8 @@ from crfbench.errors import InputError
 
 #: Neurons of the encoder's hidden layers, one to three of them; the decoder mirrors them.
 Hidden = tuple[int, ...]
+#: A candidate, and for how many epochs to train it.
+Trial = tuple[Hidden, int]
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,6 @@ class SearchSpace:
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A candidate, by the widths of its hidden layers, and for how many epochs to train it."""
-
-    hidden: Hidden
-    epochs: int
-
-
-@dataclass(frozen=True)
 class Outcome:
     """What training one candidate on every fold gave."""
 
@@ -75,7 +69,7 @@ class Outcome:
     @property
     def trial(self) -> Trial:
         """The trial that gave it."""
-        return Trial(self.hidden, self.epochs)
+        return self.hidden, self.epochs
 
 
 def complexity(hidden: Sequence[int], n_latent: int = 1) -> int:

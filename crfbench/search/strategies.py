@@ -21,7 +21,7 @@ _ASKS = 20  # for each new candidate that Optuna should find
 
 def grid(space: SearchSpace, epochs: int, done: Done) -> list[Trial]:
     """Return every candidate, as the paper does."""
-    return [Trial(hidden, epochs) for hidden in space]
+    return [(hidden, epochs) for hidden in space]
 
 
 def random(space: SearchSpace, epochs: int, done: Done, n: int = 40, seed: int = 0) -> list[Trial]:
@@ -29,7 +29,7 @@ def random(space: SearchSpace, epochs: int, done: Done, n: int = 40, seed: int =
     check_count("n", n)
     candidates = list(space)
     rows = np.random.default_rng(check_seed(seed)).permutation(len(candidates))[:n]
-    return [Trial(candidates[row], epochs) for row in rows]
+    return [(candidates[row], epochs) for row in rows]
 
 
 def halving(space: SearchSpace, epochs: int, done: Done, rounds: int = 3, factor: int = 3) -> list[Trial]:
@@ -42,11 +42,11 @@ def halving(space: SearchSpace, epochs: int, done: Done, rounds: int = 3, factor
     check_count("factor", factor, least=2)
     candidates = list(space)
     for left in range(rounds - 1, -1, -1):
-        trials = [Trial(hidden, max(epochs // factor**left, 1)) for hidden in candidates]
+        trials = [(hidden, max(epochs // factor**left, 1)) for hidden in candidates]
         if left == 0 or any(trial not in done for trial in trials):
             break
         best = sorted(trials, key=lambda trial: done[trial])
-        candidates = [trial.hidden for trial in best[: -(-len(trials) // factor)]]
+        candidates = [hidden for hidden, _ in best[: -(-len(trials) // factor)]]
     return trials
 
 
@@ -54,7 +54,7 @@ def optuna(space: SearchSpace, epochs: int, done: Done, n: int = 40, batch: int 
     """Return up to `batch` new candidates by Optuna's tree-structured Parzen estimator, until there are `n`."""
     check_count("n", n)
     wanted = min(check_count("batch", batch), min(n, len(space)) - len(done))
-    asked = [Trial(hidden, epochs) for hidden in _ask(space, done, _ASKS * wanted, check_seed(seed))]
+    asked = [(hidden, epochs) for hidden in _ask(space, done, _ASKS * wanted, check_seed(seed))]
     rest = random(space, epochs, done, len(space), seed)  # where it asks for the same again and again
     new = dict.fromkeys(trial for trial in [*asked, *rest] if trial not in done)
     return list(new)[: max(wanted, 0)]
@@ -73,8 +73,8 @@ def _ask(space: SearchSpace, done: Done, count: int, seed: int) -> list[Hidden]:
     # A sampler that has asked is further along its random numbers; a seed of its own makes each round repeat.
     storage, sampler = optuna.storages.InMemoryStorage(), optuna.samplers.TPESampler(seed=seed + len(done))
     study = optuna.create_study(storage=storage, sampler=sampler)
-    for trial, mse in done.items():
-        params = dict(zip(widths, (*trial.hidden, 0, 0), strict=False))
+    for (hidden, _), mse in done.items():
+        params = dict(zip(widths, (*hidden, 0, 0), strict=False))
         study.add_trial(optuna.trial.create_trial(params=params, distributions=widths, value=mse))
     asked = [study.ask(widths).params for _ in range(count)]
     possible = [params for params in asked if params["h2"] or not params["h3"]]
