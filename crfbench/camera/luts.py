@@ -11,7 +11,7 @@ from crfbench.checks import parse_numbers
 from crfbench.curves import GRID, Array, Direction, repair
 from crfbench.errors import FormatError
 
-END_TOLERANCE = 1e-6  # ends of axes and ranges are compared to it
+END_TOLERANCE = 1e-6
 # Debevec's method leaves small falls where few pixels were seen, and log tables a small rest at black.
 _MOST_REPAIR = 0.01
 

@@ -61,7 +61,7 @@ class Plan:
     exifs: list[Exif]
     times: Array  # of exposure, in seconds where EXIF tells them; NaN where unknown
     stops: Array  # relative to the first one that is known; NaN where unknown
-    problems: list[Problem]  # files that are left out
+    problems: list[Problem]
     notes: list[str]  # what is assumed, in sentences
     white_level: int | None = None  # of images of 16 bits, where it is not 65535
 

@@ -60,7 +60,7 @@ class Exif:
 
     exposure_time: float | None = None  # seconds
     f_number: float | None = None
-    iso: float | None = None  # ISO speed
+    iso: float | None = None
     model: str | None = None  # of the camera; LibRaw, which reads the RAW files, does not tell it
 
 

@@ -24,7 +24,6 @@ COLUMNS = (
 )  # fmt: skip
 SIZES = (3, 6, 12, 24)
 CAMERA = "CanonPowerShotG9"
-#: The paper's four, then ours.
 ROWS = (*STABILITY, "SLR-baseline-1", "SLR-monotone-1", "SLR-ldl-3", "Gamma-1", DEFAULT_MODEL)
 DEFINITION = (
     "total variance: the variance of inverse responses, summed over 1024 samples. Stated subsets: four curves of a "
