@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from crfbench.search import SearchSpace, search_architectures
     from crfbench.training import train
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __getattr__ = found_when_used(
     __name__,

@@ -230,21 +230,25 @@ def calibrate(
     white_level: Annotated[int | None, typer.Option(help="Of 16-bit images, such as 4095; default: a guess.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    each: Annotated[
+        bool, typer.Option("--each", help="Each folder is a camera of its own; those in OUT count as done.")
+    ] = False,
 ) -> None:
     """Calibrate your camera: from RAW and JPEG files to a response passport."""
     from crfbench import camera
 
-    result = camera.calibrate(
-        source,
-        chart,
-        None if exposures == "exif" else exposures,
-        _current_name(model),
-        datetime.date.today().isoformat(),
-        channels=channels,
-        align=align,
-        white_level=white_level,
-        say=partial(typer.echo, err=True),
-    )
+    options: dict[str, Any] = {
+        "chart": chart,
+        "exposures": None if exposures == "exif" else exposures,
+        "model": _current_name(model),
+        "created": datetime.date.today().isoformat(),
+        "channels": channels,
+        "align": align,
+        "white_level": white_level,
+    }
+    if each:
+        return _calibrate_each(source, out, options)
+    result = camera.calibrate(source, say=partial(typer.echo, err=True), **options)
     for problem in result.problems:
         typer.echo(f"left out: {problem.reason}", err=True)
     for path in camera.write_outputs(result, out, overwrite=force):
@@ -256,6 +260,17 @@ def calibrate(
         typer.echo(f"colour matrix, RAW to light: {camera.matrix_text(result.passport.matrix)}")
     for warning in result.warnings:
         typer.echo(f"warning: {warning}")
+
+
+def _calibrate_each(folders: list[Path], out: Path, options: dict[str, Any]) -> None:
+    from crfbench import camera
+
+    failed = 0
+    for i, (folder, problem) in enumerate(camera.calibrate_cameras(folders, out, **options)):
+        typer.echo(f"{i + 1} of {len(folders)}: {(problem and f'{folder}: {problem}') or out / folder.resolve().name}")
+        failed += bool(problem)
+    if failed:
+        raise InputError(f"{failed} of {len(folders)} folders gave no response; see above, and call this again")
 
 
 @app.command(rich_help_panel=_CAMERA)

@@ -583,18 +583,6 @@ def test_the_package_keeps_to_what_every_machine_has():
         assert [name for name, text in code.items() if word in text] == [], word
 
 
-def test_no_more_workers_than_windows_can_wait_for(monkeypatch):
-    pytest.importorskip("torch")
-    from crfbench.search import run
-
-    asked = []
-    monkeypatch.setattr(run, "cpu_count", lambda: 128)
-    monkeypatch.setattr(run, "ProcessPoolExecutor", lambda n, **options: asked.append(n) or pytest.skip.Exception)
-    with pytest.raises(AttributeError), run.local_workers():
-        pass
-    assert asked == [61]
-
-
 def test_file_systems_that_write_accents_apart(tmp_path):
     touch(tmp_path, unicodedata.normalize("NFD", "é.jpg"), unicodedata.normalize("NFC", "É.dng"))
     assert names_of(tmp_path) == ["é"]

@@ -452,7 +452,7 @@ def test_a_worker_that_cannot_start_is_told_as_what_it_is():
     )
     failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert failed.returncode == 1
-    assert "WorkerError: a worker of the search did not start or ended by itself" in failed.stderr
+    assert "WorkerError: a worker process did not start or ended by itself" in failed.stderr
 
 
 def test_a_damaged_last_line_is_cut_off(tmp_path):

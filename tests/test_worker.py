@@ -1,6 +1,5 @@
 """Untrusted files are read in a process of its own: a crash or a hang costs one file, and no script needs a guard."""
 
-import multiprocessing.spawn
 import os
 import signal
 import subprocess
@@ -72,13 +71,10 @@ def test_a_hang_costs_one_file(worker):
 
 
 @pytest.fixture
-def broken_start(request):
+def broken_start(request, monkeypatch):
     """Let Python start something else than Python."""
-    before = multiprocessing.spawn.get_executable()
     WORKER.close()
-    multiprocessing.spawn.set_executable(request.param)
-    yield
-    multiprocessing.spawn.set_executable(before)
+    monkeypatch.setattr(sys, "executable", request.param)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such programs")
@@ -140,8 +136,9 @@ def test_ctrl_c_ends_script_and_worker():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 def test_after_a_fork_each_process_has_its_own_worker():
-    code = """first = t.WORKER.run(t.process_id, t.PATH)
-child = t.multiprocessing.get_context("fork").Process(target=t.compare, args=(first,))
+    code = """import multiprocessing
+first = t.WORKER.run(t.process_id, t.PATH)
+child = multiprocessing.get_context("fork").Process(target=t.compare, args=(first,))
 child.start(), child.join(), t.compare(first)"""
     with script(code) as process:
         assert process.stdout.read() == "False\nTrue\n"

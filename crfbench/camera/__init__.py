@@ -7,6 +7,7 @@
 
 from crfbench.camera.calibrate import CameraCalibration, calibrate
 from crfbench.camera.formats import FORMATS, read_response, write_response
+from crfbench.camera.many import calibrate_cameras
 from crfbench.camera.measuring import chart_table
 from crfbench.camera.merging import merge_series, write_hdr
 from crfbench.camera.outputs import linearise_file, linearised_patches, matrix_text, write_outputs
@@ -24,6 +25,7 @@ __all__ = [
     "Passport",
     "align_series",
     "calibrate",
+    "calibrate_cameras",
     "calibrate_series",
     "chart_table",
     "linearise",

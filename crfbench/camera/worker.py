@@ -12,15 +12,16 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from types import ModuleType
 from typing import Any, TypeVar
+
+from loky.backend.context import get_context
 
 from crfbench.errors import CrfbenchError, FormatError
 
 Result = TypeVar("Result")
 
 _START_SECONDS = 120.0  # that a worker may take to start, on the slowest machine
-_MAIN_LOCK = threading.Lock()
+_DAEMON_LOCK = threading.Lock()
 
 
 class Worker:
@@ -63,9 +64,8 @@ class Worker:
         """End the worker; the next file starts another."""
         if self._process and self._pipe and self._owner == os.getpid():
             self._pipe.close()
-            self._process.kill()
+            self._process.terminate()
             self._process.join()
-            self._process.close()
         self._process = self._pipe = None
 
     def _started(self) -> Connection:
@@ -74,15 +74,17 @@ class Worker:
         if self._pipe and self._process and self._process.is_alive():
             return self._pipe
         self.close()
-        context = multiprocessing.get_context("spawn")  # a fork would copy locks that other threads hold
+        # loky's processes import what they run and never the script that calls, which so needs no guard and may come
+        # from stdin. A fork would copy locks that other threads hold.
+        context = get_context("loky")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
         try:
-            _start_without_main(self._process)
+            _start(self._process)
             theirs.close()  # so that the end of the worker ends the pipe
             if self._pipe.poll(_START_SECONDS) and self._pipe.recv():
                 return self._pipe
-        except (EOFError, OSError, AssertionError):  # multiprocessing asserts that a daemon has no children
+        except (EOFError, OSError):
             pass
         self._process = self._pipe = None
         raise CrfbenchError(
@@ -90,19 +92,15 @@ class Worker:
         )
 
 
-def _start_without_main(process: BaseProcess) -> None:
-    """Start a process that does not import the script that is running.
-
-    Spawned processes import it to find functions that it defines, which would run a script without a guard again,
-    and fails where it came from stdin. What runs in the worker is defined in modules.
-    """
-    with _MAIN_LOCK:  # of two threads, the second would take the first one's empty module for the script
-        main = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
+def _start(process: BaseProcess) -> None:
+    """Start a process, also from a worker of a cluster: a daemon, which by rights may leave no process behind."""
+    config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+    with _DAEMON_LOCK:
+        daemon, config["daemon"] = config.get("daemon"), False
         try:
             process.start()
         finally:
-            sys.modules["__main__"] = main
+            config["daemon"] = daemon
 
 
 def _serve(pipe: Connection) -> None:

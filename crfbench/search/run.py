@@ -2,28 +2,23 @@
 
 import hashlib
 import math
-import os
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
-from loky import ProcessPoolExecutor, cpu_count
-from loky.backend.context import get_context
 from tqdm.auto import tqdm
 
 from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import Direction, check_direction
 from crfbench.datasets import Responses
 from crfbench.datasets.responses import Labels, group_labels, grouped_folds
-from crfbench.errors import InputError, WorkerError
+from crfbench.errors import InputError
+from crfbench.parallel import local_workers, worker_error
 from crfbench.search.result import Journal, SearchResult, mark_choice, tabulate
 from crfbench.search.space import Hidden, Outcome, SearchSpace, Trial
 from crfbench.search.stacked import Stack, train_stack
@@ -36,7 +31,6 @@ LEARNING_RATE = 5e-4
 BLOCKS = 128
 _BAR = "{desc} |{bar}| {percentage:3.0f} % [{elapsed}, {remaining} left]"
 _STACK_WEIGHTS = 150_000  # of a stack's networks on one fold; larger stacks leave the processor's cache
-_MOST_WORKERS = 61  # that Windows can wait for
 _STACK_OVERHEAD = 20_000  # what one more stack costs, in weights
 
 
@@ -141,7 +135,7 @@ def _train(trials: Sequence[Trial], base: Stack, workers: Executor, progress: bo
                 bar.set_description_str(f"{finished} of {len(trials)} architectures", refresh=False)
                 bar.update(work(futures[future]))
     except (BrokenExecutor, OSError) as error:
-        raise _worker_error(error) from error
+        raise worker_error(error, "use the same journal") from error
     finally:
         for future in futures:
             future.cancel()
@@ -198,40 +192,3 @@ def work(stack: Stack) -> float:
 def _weights(hidden: Hidden) -> int:
     """Count the weights of the thinned network, encoder and decoder."""
     return 2 * sum(before * after for before, after in pairwise((BLOCKS, *hidden, 1)))
-
-
-@contextmanager
-def local_workers() -> Iterator[Executor]:
-    """Start one process a core; they end with the block, however it ends, or with this process.
-
-    loky's workers import what they run and never the script that called, which therefore needs no `__main__` guard.
-    """
-    listen, hold = get_context("loky").Pipe(duplex=False)
-    try:
-        executor = ProcessPoolExecutor(min(cpu_count(), _MOST_WORKERS), initializer=_start, initargs=(listen,))
-    except OSError as error:
-        raise _worker_error(error) from error
-    try:
-        yield executor
-    finally:
-        hold.close()  # busy workers end at once
-        executor.shutdown()
-        listen.close()
-
-
-def _worker_error(error: Exception) -> WorkerError:
-    reason = str(error).partition(". ")[0]  # loky adds a paragraph of what may be the matter
-    return WorkerError(
-        f"a worker of the search did not start or ended by itself ({reason}); use the same journal to go on"
-    )
-
-
-def _start(lifeline: Connection) -> None:
-    """Leave Ctrl-C to the main process, and end when that closes its end of the pipe or dies."""
-
-    def wait() -> None:
-        lifeline.poll(None)  # nothing is ever sent: this returns when there is no one left to send
-        os._exit(0)
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=wait, daemon=True).start()
