@@ -209,7 +209,6 @@ def plot_latent_epochs(histories: "Mapping[str, History]", axes: Sequence[Axes] 
 
 
 def _latent_panels(count: int) -> list[Axes]:
-    """Return axes of pictures in rows of three."""
     rows = -(-count // 3)
     figure, grid = plt.subplots(
         rows, 3, figsize=(10.5, 2.9 * rows), sharex=True, sharey=True, squeeze=False, layout="constrained"

@@ -231,7 +231,6 @@ def _from_series(
 
 
 def _shifted(shifts: NDArray[np.intp], names: list[str]) -> str:
-    """Name the photographs that were shifted, and by how much."""
     moved = [f"{name} by {x:+d}, {y:+d}" for name, (x, y) in zip(names, shifts, strict=True) if x or y]
     return f"shifted to lie over the others, in pixels: {', '.join(moved)}"
 

@@ -339,9 +339,8 @@ def as_stops(exposures: ArrayLike, n: int) -> Array:
     if stops.shape != (n,) or not np.isfinite(stops).all():
         raise InputError(f"exposures={stops.tolist()} do not match {n} images; use one finite number of stops an image")
     if not 0 < np.ptp(stops) <= _STOPS:
-        raise InputError(
-            f"exposures={stops.tolist()} span {np.ptp(stops):g} stops; use unequal ones, {_STOPS:g} stops apart or less"
-        )
+        use = f"use unequal ones, {_STOPS:g} stops apart or less"
+        raise InputError(f"exposures={stops.tolist()} span {np.ptp(stops):g} stops; {use}")
     return stops
 
 
