@@ -423,7 +423,10 @@ def stop(process, workers, sign):
     return told
 
 
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+@pytest.mark.parametrize(
+    "sign",
+    [pytest.param(signal.SIGKILL, id="kill -9"), pytest.param(signal.SIGINT, id="Ctrl-C", marks=pytest.mark.slow)],
+)
 def test_an_end_in_the_middle_loses_nothing_and_leaves_no_process(tmp_path, sign):
     process, path, workers = start_script(tmp_path)
     told = stop(process, workers, sign)
