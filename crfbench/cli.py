@@ -19,7 +19,6 @@ from crfbench.errors import CrfbenchError, InputError
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
-#: The groups of the commands in help, by use.
 _CAMERA, _PAPER, _DATA = _PANELS = ("Your own camera", "The paper", "Data and models")
 app = typer.Typer(
     no_args_is_help=True,
@@ -29,7 +28,6 @@ app = typer.Typer(
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
 app.add_typer(table_app, name="table", rich_help_panel=_PAPER)
 
-#: How a terminal shows verdicts, which their words tell too.
 _STYLES = {
     "reproduced": "green", "holds": "green", "differs": "red", "does not hold": "red", "undecided": "yellow",
     "not comparable": "dim",

@@ -231,7 +231,7 @@ def plot_latent_epochs(histories: "Mapping[str, History]", axes: Sequence[Axes] 
     """
     panels = list(axes) if axes is not None else _latent_panels(len(histories) + 1)
     last = max(int(history.epochs[-1]) for history in histories.values())
-    objective = (_NORMAL[:-1] + _NORMAL[1:]) / 2  # in each bin
+    objective = (_NORMAL[:-1] + _NORMAL[1:]) / 2
     pictures = [("objective N(0, 1)", np.array([0, last]), np.tile(objective, (2, 1)))]
     pictures += [(title, h.epochs, _densities(h.latents[:, :, 0])) for title, h in histories.items()]
     for ax, letter, (title, epochs, densities) in zip(panels, "abcdefghijklmnopqrstuvwxyz", pictures, strict=False):
@@ -249,7 +249,6 @@ def plot_latent_epochs(histories: "Mapping[str, History]", axes: Sequence[Axes] 
 
 
 def _latent_panels(count: int) -> list[Axes]:
-    """Return axes of pictures in rows of three."""
     rows = -(-count // 3)
     figure, grid = plt.subplots(
         rows, 3, figsize=(10.5, 2.9 * rows), sharex=True, sharey=True, squeeze=False, layout="constrained"

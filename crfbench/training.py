@@ -46,7 +46,7 @@ class TrainingConfig:
     hidden: tuple[int, ...] = (50, 20)  # neurons of the encoder's hidden layers
     n_latent: int = 1
     monotone: bool = False
-    constraint: str = "ldl"  # a name in `crfbench.constraints.CONSTRAINTS`
+    constraint: str = "ldl"
     smoothness: float = 1e-5  # weight of the l2-norm of the decoded curves' first derivative
     dropout: float = 0.0  # share of hidden neurons left out at random in each step; none at inference
     epochs: int = 1000
@@ -221,7 +221,6 @@ class Trainer:
         last = f"encoder.{len(self.config.hidden)}"
         for part in ("weight", "bias"):  # of a VAE's encoder, only the half that gives the means is kept
             state[f"{last}.{part}"] = state[f"{last}.{part}"][: self.config.n_latent]
-        # Fold centring and scaling of the curves into the first layer.
         weight = state["encoder.0.weight"] / float(self._scale)
         state["encoder.0.bias"] -= weight @ self._mean.numpy()
         state |= {"encoder.0.weight": weight, "latents": self._best_latents.numpy().copy()}

@@ -263,7 +263,7 @@ def test_a_narrow_valley_between_two_rows_is_found_beside_a_wide_one():
 
 def test_parts_of_a_large_batch_change_nothing(middlebury, monkeypatch):
     model, table = ready("SLR-ldl-1")
-    observations = Observations(middlebury[:6], REFERENCE_IRRADIANCE)
+    observations = Observations(middlebury[:3], REFERENCE_IRRADIANCE)
     runs = {}
     for cells in (1, 2**40):
         monkeypatch.setattr("crfbench.calibration.table._CELLS", cells)

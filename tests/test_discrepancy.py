@@ -251,9 +251,9 @@ def test_a_clipped_patch_pulls_the_curve_to_where_it_is_clipped():
 def test_learning_recovers_a_known_kernel():
     rng = np.random.default_rng(3)
     factor = np.stack([np.log(KNOTS), np.sin(6 * KNOTS) * (1 - KNOTS)], axis=1) * (0.2, 0.6)
-    scale = rng.choice([0.25, 1.0], 600, p=[0.7, 0.3])
-    misses = scale[:, None] * rng.standard_normal((600, 2)) @ factor.T + 0.03 * rng.standard_normal((600, 64))
-    found = fit_discrepancy(misses, [(np.zeros((1, 64)), np.zeros(1))] * 600, np.ones(600))
+    scale = rng.choice([0.25, 1.0], 300, p=[0.7, 0.3])
+    misses = scale[:, None] * rng.standard_normal((300, 2)) @ factor.T + 0.03 * rng.standard_normal((300, 64))
+    found = fit_discrepancy(misses, [(np.zeros((1, 64)), np.zeros(1))] * 300, np.ones(300))
     variance = lambda f: (f**2).sum(axis=1)  # noqa: E731
     mean_square = (found.scale_weight * SCALES**2).sum()
     expected = 0.7 * 0.0625 + 0.3
@@ -421,6 +421,7 @@ def simulated(name, n=300, patches=8, seed=6):
     return truth, unclipped(brightness[:, None], reference, reference_error=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SLR-ldl-1", "Gamma-1"])
 def test_bands_cover_as_they_say_what_the_model_itself_draws(name):
     model, table = ready(name)
@@ -432,6 +433,7 @@ def test_bands_cover_as_they_say_what_the_model_itself_draws(name):
         assert abs(inside.mean() - level) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("made_by", "other"), [("SLR-ldl-1", "Gamma-1"), ("Gamma-1", "SLR-ldl-1")])
 def test_evidence_of_the_model_that_made_the_data_is_the_greater_in_the_mean(made_by, other):
     """Whatever the other believes, if both are densities of the same data (Gibbs' inequality)."""
@@ -499,7 +501,7 @@ class TestPosterior:
 
 
 @pytest.mark.parametrize("how", ["3 greys", "24 patches", "chart-free"])
-@pytest.mark.parametrize("name", ["SLR-ldl-1", "Gamma-1", "SLR-ldl-3", DEFAULT_MODEL])
+@pytest.mark.parametrize("name", ["SLR-ldl-1", "Gamma-1", DEFAULT_MODEL])
 def test_bands_hold_what_they_promise_on_films(name, how):
     check_bands(name, how, slice(None, None, 3))
 

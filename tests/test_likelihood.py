@@ -490,14 +490,14 @@ def test_posterior_means_are_irradiances_where_the_model_is_unbounded():
 
 
 def test_drawn_posteriors_agree_with_a_dense_grid():
-    """Two parameters: 256 weighted draws against 40,000 points."""
+    """Two parameters: 256 weighted draws against 14,400 points."""
     model, table = ready("GGCM-2")
     reference, _, brightness = scene(known_curves(model, 3))
     brightness = np.clip(brightness + 0.02 * np.random.default_rng(2).normal(size=brightness.shape), 0.005, 0.99)
     observations = unclipped(brightness, reference)
     found = calibrate(model, observations, "posterior", discrepancy=False, table=table)
     root = np.linalg.cholesky(model.prior_.covariance)
-    steps = np.linspace(-5, 5, 200)
+    steps = np.linspace(-5, 5, 120)
     normal = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     dense = decode_table(model)
     dense = type(dense)(

@@ -20,6 +20,7 @@ def collected(folder: Path, *options: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_without_a_path_notebooks_are_collected_beside_the_tests():
     found = collected(ROOT, "--nbval", "--collect-only")
     assert all(f"notebooks/{path.name}::Cell 0" in found for path in NOTEBOOKS.glob("*.ipynb"))

@@ -65,6 +65,7 @@ def own(site: Path, pages: dict[Path, Page]) -> dict[Path, Page]:
     }
 
 
+@pytest.mark.slow
 def test_every_notebook_and_module_has_a_page(site, pages):
     notebooks = [path.stem for path in (build_site.ROOT / "notebooks").glob("*.ipynb")]
     assert {path.stem for path in pages if path.parent.name == "notebooks"} == set(notebooks)
@@ -74,6 +75,7 @@ def test_every_notebook_and_module_has_a_page(site, pages):
     assert {f"{name.replace('.', '/')}.html" for name in build_site.modules()} <= modules
 
 
+@pytest.mark.slow
 def test_every_link_leads_somewhere(pages, own):
     for path, page in pages.items():
         for _, attributes in page.found:
@@ -88,6 +90,7 @@ def test_every_link_leads_somewhere(pages, own):
                 assert unquote(parts.fragment) in pages[target].names(), (path.name, parts)
 
 
+@pytest.mark.slow
 def test_nothing_is_loaded_from_elsewhere(site, pages, own):
     for path, page in pages.items():
         loaded = [attributes for tag, attributes in page.found if tag in LOADING] + page.all("link")
@@ -103,11 +106,13 @@ def test_nothing_is_loaded_from_elsewhere(site, pages, own):
         assert "default-src 'none'" in path.read_text(encoding="utf-8"), path.name
 
 
+@pytest.mark.slow
 def test_no_page_tells_where_it_was_made(site):
     for path in site.rglob("*.*"):
         assert str(build_site.ROOT) not in path.read_text(encoding="utf-8"), path.name
 
 
+@pytest.mark.slow
 def test_language_titles_and_headings(pages, own):
     for path, page in pages.items():
         assert page.all("html")[0]["lang"] == "en", path.name
@@ -120,6 +125,7 @@ def test_language_titles_and_headings(pages, own):
         assert (np.diff(levels) <= 1).all(), path.name
 
 
+@pytest.mark.slow
 def test_headings_of_the_reference_skip_no_level(pages, own):
     for path in pages.keys() - own.keys():
         levels = [int(tag[1]) for tag, _ in pages[path].found if re.fullmatch(r"h\d", tag)]
@@ -127,6 +133,7 @@ def test_headings_of_the_reference_skip_no_level(pages, own):
         assert (np.diff([*levels[levels.index(1) :]]) <= 1).all(), path.name
 
 
+@pytest.mark.slow
 def test_the_reference_does_not_write_arraylike_out(site):
     text = re.sub("<[^>]+>", "", (site / "api/crfbench/plots.html").read_text(encoding="utf-8"))
     assert "curves: ArrayLike" in text
@@ -159,12 +166,14 @@ def test_joined_headings_stay():
     assert rows == [["", "rmse"], ["model", "min", "max"]]
 
 
+@pytest.mark.slow
 def test_pictures_have_texts(own):
     texts = [picture.get("alt") or "" for page in own.values() for picture in page.all("img")]
     assert len(texts) > 15
     assert all(len(text) > 30 and "No description" not in text for text in texts), texts
 
 
+@pytest.mark.slow
 def test_widgets_live_or_say_what_they_need(site, pages):
     for path in (build_site.ROOT / "notebooks").glob("*.ipynb"):
         outputs = [o for cell in nbformat.read(path, 4).cells for o in cell.get("outputs", []) if "data" in o]
@@ -176,6 +185,7 @@ def test_widgets_live_or_say_what_they_need(site, pages):
         assert len([p for p in page.all("p") if p.get("class") == "needs-python"]) == len(plain) - living, path.name
 
 
+@pytest.mark.slow
 def test_floors_are_those_of_pyproject(site, pages):
     floors = draw_floors.floors_of_the_package()
     assert [floors[0], floors[-1]] == [["__main__"], ["errors", "lazy"]]
@@ -183,18 +193,27 @@ def test_floors_are_those_of_pyproject(site, pages):
     assert boxes == [f"api/crfbench/{name}.html" for floor in floors for name in floor]
 
 
+OWN_MODEL = re.findall(
+    r"```python\n(.*?)```", (build_site.ROOT / "docs/own-model.md").read_text(encoding="utf-8"), re.DOTALL
+)
+
+
 @pytest.fixture(scope="module")
-def example(site: Path, pages: dict[Path, Page]) -> dict:
+def example() -> dict:
     """Run the two pieces of Python of the page on models, as it shows them, and return what they define."""
     names: dict = {}
-    for code in pages[site / "own-model.html"].codes[:2]:
+    for code in OWN_MODEL[:2]:
         exec(code, names)  # noqa: S102
     return names
 
 
-def test_the_model_takes_20_lines(site, pages):
-    code = pages[site / "own-model.html"].codes[0]
-    assert len([line for line in code.splitlines() if line.strip()]) <= 20
+@pytest.mark.slow
+def test_the_page_shows_the_python_that_is_tested(site, pages):
+    assert [code.strip() for code in pages[site / "own-model.html"].codes[:2]] == [c.strip() for c in OWN_MODEL[:2]]
+
+
+def test_the_model_takes_20_lines():
+    assert len([line for line in OWN_MODEL[0].splitlines() if line.strip()]) <= 20
 
 
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
@@ -218,6 +237,7 @@ def test_the_model_does_what_the_page_says(example):
     assert (np.diff(example["found"].curves) >= 0).all()
 
 
+@pytest.mark.slow
 def test_the_page_says_where_models_are_listed(site, pages):
     assert "crfbench/models/registry.py" in (site / "own-model.html").read_text(encoding="utf-8")
     assert "MODELS: dict" in inspect.getsource(crfbench.models.registry)

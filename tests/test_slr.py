@@ -50,7 +50,7 @@ def test_bundled_networks_have_honest_metadata(key):
 
 
 @pytest.mark.dorf
-@pytest.mark.parametrize("direction", ["forward", "inverse"])
+@pytest.mark.parametrize("direction", [pytest.param("forward", marks=pytest.mark.slow), "inverse"])
 def test_metadata_hold_the_figures_that_the_curves_give(direction, dorf_curves):
     curves = dorf_curves.in_direction(direction)
     for key in (ModelKey("SLR", "ldl", 1, direction), ModelKey("SLR", "monotone", 3, direction)):

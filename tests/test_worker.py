@@ -98,7 +98,7 @@ def test_modules_that_are_missing_in_the_worker_are_not_a_damaged_photograph(wor
 TWO_LINES = f"from crfbench import camera\nprint(camera.calibrate({str(SYNTHETIC)!r}).passport)\n"
 
 
-@pytest.mark.parametrize("way", ["file", "stdin"])
+@pytest.mark.parametrize("way", ["stdin", pytest.param("file", marks=pytest.mark.slow)])
 def test_a_script_needs_no_guard(tmp_path, way):
     (tmp_path / "script.py").write_text(TWO_LINES)
     command, given = ([tmp_path / "script.py"], None) if way == "file" else (["-"], TWO_LINES)

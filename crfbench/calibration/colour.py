@@ -196,7 +196,6 @@ class _Fit(NamedTuple):
 
 
 def _taken(parts: Any, rows: NDArray[np.intp]) -> Any:
-    """Keep some cameras."""
     return type(parts)(*(part[rows] for part in parts))
 
 

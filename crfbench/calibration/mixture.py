@@ -71,7 +71,7 @@ def _level_weights() -> Array:
 
 # Contrasts of red, green and blue: orthonormal, and each sums to 0, so that the shared curve is the mean.
 CONTRASTS: Array = np.array([(1, 1), (-1, 1), (0, -2)]) / np.sqrt([2, 6])
-_DIRECTIONS = 4  # by which channels differ
+_DIRECTIONS = 4
 
 
 class Family(NamedTuple):

@@ -24,7 +24,7 @@ BAND_SAMPLES = np.append(np.arange(0, N_SAMPLES, 8), N_SAMPLES - 1)
 
 ONE_PARAMETER, MORE_PARAMETERS = 512, 1024  # rows
 _REACH = 5.0  # standard deviations of the prior, and the least reach of an unconstrained parameter
-_FEWEST = 16  # rows
+_FEWEST = 16
 N_NEARBY, _NEARBY = 256, 0.25  # draws near the best parameters, and their spread in that of the prior
 _CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 
@@ -151,7 +151,7 @@ def minimise(objective: Objective, table: Table, values: Array) -> Array:
     z, cost = levenberg_marquardt(
         lambda z, starts: objective(z, sets[starts]), table.unconstrained[rows], max_steps=30, tolerance=1e-12
     )
-    ranked = np.lexsort((cost, sets))  # by set, and within each set by cost
+    ranked = np.lexsort((cost, sets))
     return z[ranked[np.unique(sets, return_index=True)[1]]]
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _LEVEL = 0.9
-_ESTIMATE = "estimate"  # of exposures
+_ESTIMATE = "estimate"
 _CONTRADICTS = 0.5  # stops, between two photographs
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 
@@ -42,7 +42,7 @@ class CameraCalibration:
     passport: Passport
     calibration: Calibration  # of a set for each curve; `passport` holds the curves made monotone
     photographs: dict[str, Path]  # the JPEG of each photograph that counts
-    problems: list[Problem]  # files that were left out
+    problems: list[Problem]
     patches: "DataFrame | None" = None  # the patch table, where there was a chart
     measured: dict[str, MeasuredChart] = field(default_factory=dict)  # where the chart lies in each photograph
     merged: Merged | None = None  # the linear image that an exposure series gives
@@ -231,7 +231,6 @@ def _from_series(
 
 
 def _shifted(shifts: NDArray[np.intp], names: list[str]) -> str:
-    """Name the photographs that were shifted, and by how much."""
     moved = [f"{name} by {x:+d}, {y:+d}" for name, (x, y) in zip(names, shifts, strict=True) if x or y]
     return f"shifted to lie over the others, in pixels: {', '.join(moved)}"
 

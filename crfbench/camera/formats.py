@@ -278,7 +278,7 @@ def _write_dorf(passport: Passport) -> bytes:
         f"{name}{ending}\ngraph lin-lin\nI =\n{x}\nB =\n{' '.join(map(repr, curve))}\n"
         for ending, curve in zip(_DORF_ENDINGS[len(curves)], curves.tolist(), strict=True)
     ]
-    return "".join(records).encode("latin-1", "replace")  # other letters become question marks
+    return "".join(records).encode("latin-1", "replace")
 
 
 def _read_dorf(data: bytes) -> Passport:
@@ -297,7 +297,7 @@ _NUMBER = r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
 
 
 def _write_hugin(passport: Passport) -> bytes:
-    coefficients = _emor().fit(passport.in_direction("forward"))[0]  # with the least MSE to the response
+    coefficients = _emor().fit(passport.in_direction("forward"))[0]
     words = [f"R{letter}{value:.9g}" for letter, value in zip(_LETTERS, coefficients.tolist(), strict=True)]
     return f"# EMoR response: put these five into the image lines of a project\ni {' '.join(words)}\n".encode()
 

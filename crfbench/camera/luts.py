@@ -11,7 +11,7 @@ from crfbench.checks import parse_numbers
 from crfbench.curves import GRID, Array, Direction, repair
 from crfbench.errors import FormatError
 
-END_TOLERANCE = 1e-6  # ends of axes and ranges are compared to it
+END_TOLERANCE = 1e-6
 # Debevec's method leaves small falls where few pixels were seen, and log tables a small rest at black.
 _MOST_REPAIR = 0.01
 
@@ -66,9 +66,8 @@ def scaled(curves: Array, direction: Direction = "inverse", **known: Any) -> Pas
     valid = repair(curves)
     moved = float(np.abs(valid - curves).max())
     if moved > _MOST_REPAIR:
-        raise FormatError(
-            f"a curve falls or begins off 0, by {moved:.2g} of its end; use one that does by 0.01 or less"
-        )
+        use = f"use one that does by {_MOST_REPAIR:g} or less"
+        raise FormatError(f"a curve falls or begins off 0, by {moved:.2g} of its end; {use}")
     note = f"made valid as it was read: no sample moved by more than {moved:.1e}" if moved > END_TOLERANCE else ""
     return Passport(direction, merged(valid), note=note, **known)
 
@@ -110,9 +109,8 @@ def _cube_domain(heads: list[list[str]]) -> tuple[Array, Array]:
     ends = {name: numbers([words], name)[0] for name, *words in heads if name in _ENDS}
     sizes = {name: len(values) for name, values in ends.items()}
     if sizes.items() - _ENDS.items() or ("LUT_1D_INPUT_RANGE" in ends and len(ends) > 1):
-        raise FormatError(
-            f"its input range has {sizes}; use DOMAIN_MIN and DOMAIN_MAX of 3, or LUT_1D_INPUT_RANGE of 2"
-        )
+        use = "use DOMAIN_MIN and DOMAIN_MAX of 3, or LUT_1D_INPUT_RANGE of 2"
+        raise FormatError(f"its input range has {sizes}; {use}")
     low, high = ends.get("LUT_1D_INPUT_RANGE", np.array([0.0, 1.0]))
     return ends.get("DOMAIN_MIN", np.full(3, low)), ends.get("DOMAIN_MAX", np.full(3, high))
 
@@ -163,7 +161,6 @@ def _pre_lut(rows: list[list[str]]) -> tuple[Array, list[list[str]]]:
     before = numbers(rows[1:3], "a pre-LUT")
     rises = (np.diff(before[0]) > 0).all() and before[0, 0] <= 0 and before[0, -1] >= 1
     if rows[0] != [str(before.shape[1])] or len(before) != 2 or not rises:
-        raise FormatError(
-            f"a pre-LUT says {str(rows[0])[:20]}; use so many inputs, rising, that cover 0 to 1, and outputs"
-        )
+        use = "use so many inputs, rising, that cover 0 to 1, and outputs"
+        raise FormatError(f"a pre-LUT says {str(rows[0])[:20]}; {use}")
     return before, rows[3:]

@@ -25,14 +25,10 @@ from crfbench.errors import FormatError, InputError
 # Larger photographs are reduced to the first side, and where that shows no chart, as it may be small, to the second.
 _LONGEST_SIDES, _SHORTEST_SIDE = (1000, 4000), 32
 _CANDIDATES = 30
-# The detector's box has a margin of this many widths of a patch round the patches.
-_MARGIN = 0.1
-# Cameras crop the frame of a RAW file when they develop it, by this share of a side at most.
-_CROP_SHARE = 0.02
-# The inner half of a patch keeps clear of its edges, of shadows and of corners that lie a little off.
-_BOX_SHARE = 0.5
-# Left out at either end before averaging: dust, scratches, hot pixels.
-_TRIMMED_SHARE = 0.1
+_MARGIN = 0.1  # widths of a patch, of the detector's box round the patches
+_CROP_SHARE = 0.02  # of a side, by which cameras crop the frame of a RAW file at most
+_BOX_SHARE = 0.5  # the inner half of a patch keeps clear of its edges, of shadows and of corners a little off
+_TRIMMED_SHARE = 0.1  # left out at either end before averaging: dust, scratches, hot pixels
 _MIN_BOX_PIXELS, _FEW_PIXELS, _MAX_BOX_PIXELS = 4, 8, 128
 # The 14 cameras of the Middlebury set reach 0.90 to 0.98, and less than 0 mirrored or upside down. Glare, clipping and
 # mixed channels bring others down to 0.58; then every patch must lie so near, in units of the spread of all, to a
@@ -41,11 +37,9 @@ _MIN_CONFIDENCE, _LEAST_CONFIDENCE, _FARTHEST = 0.8, 0.5, 1.1
 # The spread within patches in units of that of all: charts have 0.02 to 0.46, a grid beside the patches 0.5 to 1.1.
 _MOST_UNEVEN = 0.5
 _MANY_CLIPPED = 6
-# How much the grey row may rise between two patches: noise where both are black or both are white.
-_GREY_TOLERANCE = 0.02
+_GREY_TOLERANCE = 0.02  # by which the grey row may rise between two patches, both black or both white
 _GREY_ROW = slice(18, 24)
-# 0 and 254 of 255, as in the Middlebury table, halfway to the next values.
-_BLACK, _WHITE = 0.5 / 65535, 253.5 / 255
+_BLACK, _WHITE = 0.5 / 65535, 253.5 / 255  # 0 and 254 of 255, as in the Middlebury table, halfway to the next values
 
 
 class PatchValues(NamedTuple):

@@ -203,7 +203,7 @@ def _picture(width: float, height: float, draw: Callable[["Axes"], object], kind
 
     figure, content = Figure(figsize=(width, height), layout="constrained"), io.BytesIO()
     draw(figure.subplots())
-    metadata = {"Date": None} if kind == "svg" else None  # the same page every time
+    metadata = {"Date": None} if kind == "svg" else None
     figure.savefig(content, format=kind, bbox_inches="tight", dpi=110, metadata=metadata)
     media = "image/svg+xml" if kind == "svg" else f"image/{kind}"
     return f"data:{media};base64,{base64.b64encode(content.getvalue()).decode()}"

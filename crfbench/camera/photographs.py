@@ -61,7 +61,7 @@ class Plan:
     exifs: list[Exif]
     times: Array  # of exposure, in seconds where EXIF tells them; NaN where unknown
     stops: Array  # relative to the first one that is known; NaN where unknown
-    problems: list[Problem]  # files that are left out
+    problems: list[Problem]
     notes: list[str]  # what is assumed, in sentences
     white_level: int | None = None  # of images of 16 bits, where it is not 65535
 
@@ -264,13 +264,9 @@ def _other_cameras(plan: Plan) -> list[Problem]:
     """Name the photographs of other cameras than the one with most."""
     models = Counter(exif.model for exif in plan.exifs if exif.model)
     most = max(models, key=models.__getitem__, default="")
-    return [
-        Problem(
-            pair.jpeg, f"{pair.jpeg.name} is by {exif.model}, and {models[most]} are by {most}; calibrate one camera"
-        )
-        for pair, exif in zip(plan.pairs, plan.exifs, strict=True)
-        if exif.model not in (None, most)
-    ]
+    rest = f"and {models[most]} are by {most}; calibrate one camera"
+    both = zip((pair.jpeg for pair in plan.pairs), plan.exifs, strict=True)
+    return [Problem(p, f"{p.name} is by {exif.model}, {rest}") for p, exif in both if exif.model not in (None, most)]
 
 
 def _unknown_kind(path: Path) -> Problem:
@@ -410,9 +406,8 @@ def read_planned(plan: Plan, read: Callable[[Path, int | None], Read]) -> tuple[
     for pair, stop in zip(plan.pairs, plan.stops, strict=True):
         try:
             if np.isnan(stop):
-                raise FormatError(
-                    f"{pair.jpeg.name} does not tell its exposure; give times (--exposures 1/60,1/30,...)"
-                )
+                give = "give times (--exposures 1/60,1/30,...)"
+                raise FormatError(f"{pair.jpeg.name} does not tell its exposure; {give}")
             images[pair.jpeg] = WORKER.run(read, pair.jpeg, plan.white_level)
         except FormatError as error:
             problems.append(Problem(pair.jpeg, str(error)))

@@ -60,7 +60,7 @@ class Exif:
 
     exposure_time: float | None = None  # seconds
     f_number: float | None = None
-    iso: float | None = None  # ISO speed
+    iso: float | None = None
     model: str | None = None  # of the camera; LibRaw, which reads the RAW files, does not tell it
 
 
@@ -206,9 +206,8 @@ def _open_raw(path: Path) -> Iterator[Any]:
             _check_size(path, raw.sizes.width, raw.sizes.height)
             if raw.num_colors != 1 and (raw.num_colors != 3 or set(raw.color_desc) != set(b"RGB")):
                 colours = raw.color_desc.decode("ascii", "replace")
-                raise FormatError(
-                    f"{path.name} has a sensor of the colours {colours!r}; use one of red, green and blue"
-                )
+                use = "use one of red, green and blue"
+                raise FormatError(f"{path.name} has a sensor of the colours {colours!r}; {use}")
             yield raw
     except (rawpy.LibRawError, rawpy.NotSupportedError):
         raise FormatError(f"{path.name} is not a readable RAW file; use a complete one") from None
@@ -258,9 +257,8 @@ def _preview(path: Path) -> bytes:
         try:
             preview = raw.extract_thumb()
         except (rawpy.LibRawNoThumbnailError, rawpy.LibRawUnsupportedThumbnailError):
-            raise FormatError(
-                f"{path.name} holds no preview; put the camera's JPEG of the same name beside it"
-            ) from None
+            put = "put the camera's JPEG of the same name beside it"
+            raise FormatError(f"{path.name} holds no preview; {put}") from None
     if preview.format == rawpy.ThumbFormat.JPEG:
         return bytes(preview.data)
     return bytes(cv2.imencode(".png", np.ascontiguousarray(_turned(preview.data, flip)[..., ::-1]))[1])

@@ -56,7 +56,7 @@ class Reduced(NamedTuple):
     mean: float
     blocks: Array  # shape (3, c, m); mean, least and greatest brightness
     pixels: NDArray[np.uint8]  # shape (m, c); the high byte of values of 16 bits
-    picture: NDArray[np.uint8]  # a small one, to align by
+    picture: NDArray[np.uint8]
 
 
 def reduce_photograph(path: Path, white_level: int | None = None, shift: tuple[int, int] = (0, 0)) -> Reduced:
@@ -210,7 +210,7 @@ def _estimated(
     usual, ours = (np.log(np.maximum(curves[:, middle], _LEAST)).mean(axis=1) for curves in both)
     stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
     found = calibrate_series(images, stops, model, method, **same)
-    power = usual.std() / abs(usual.mean())  # its relative standard deviation
+    power = usual.std() / abs(usual.mean())
     logs, bands = np.log(np.maximum(found.curves, _LEAST)), {}
     for level, band in found.bands.items():  # an uncertain power widens them in log irradiance
         wide = NormalDist().inv_cdf(0.5 + level / 2) * power * np.abs(logs)
@@ -339,9 +339,8 @@ def as_stops(exposures: ArrayLike, n: int) -> Array:
     if stops.shape != (n,) or not np.isfinite(stops).all():
         raise InputError(f"exposures={stops.tolist()} do not match {n} images; use one finite number of stops an image")
     if not 0 < np.ptp(stops) <= _STOPS:
-        raise InputError(
-            f"exposures={stops.tolist()} span {np.ptp(stops):g} stops; use unequal ones, {_STOPS:g} stops apart or less"
-        )
+        use = f"use unequal ones, {_STOPS:g} stops apart or less"
+        raise InputError(f"exposures={stops.tolist()} span {np.ptp(stops):g} stops; {use}")
     return stops
 
 

@@ -31,7 +31,6 @@ _CHANNEL = re.compile(r"(?<=.)[\s_-]*(Red|Green|Blue)$")
 _COPY_RMSE = 1e-4  # far above the rounding of any file, far below the distance of two cameras
 _GRID_TOLERANCE = 1e-6
 _FINGERPRINT_TOLERANCE = 1e-4
-# What zipfile raises on bytes that are not an archive, or on one that was cut or altered.
 _ZIP_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError)
 
 # Of each EMoR file: its path, and the names of the grid, the mean and the 25 components in it.
@@ -63,7 +62,6 @@ def read_official(path: Path) -> Responses:
     films = np.array([_CHANNEL.sub("", name) for name in names])
     copies = near_copies(curves, _COPY_RMSE)
     groups = chained((films[:, None] == films) | (copies[:, None] == copies))
-    # A unit is called after the first of its curves.
     units = tuple(str(films[np.argmax(groups == group)]) for group in groups)
     return _responses(curves, names, units, path)
 

@@ -52,8 +52,8 @@ class PatchArrays(NamedTuple):
     """The patch table as arrays: c cameras x 2 illuminations x 4 exposures, one stop apart, x 24 patches."""
 
     cameras: tuple[str, ...]
-    jpeg: Array  # shape (c, 2, 4, 24, 3); red, green and blue in [0, 1]
-    raw: Array  # the same
+    jpeg: Array  # shape (c, 2, 4, 24, 3), as raw; red, green and blue in [0, 1]
+    raw: Array
     clipped: np.ndarray  # shape (c, 2, 4, 24); where the JPEG patch is clipped
 
 

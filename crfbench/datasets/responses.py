@@ -30,7 +30,7 @@ class Responses:
     dataset: str  # name of the set, for example "opencrf"
     # shape (n, 1024); forward responses (irradiance to brightness), monotone, from (0, 0) to (1, 1); kept read-only
     curves: Array
-    names: tuple[str, ...]  # name of each curve
+    names: tuple[str, ...]
     # the film, camera or standard that each curve belongs to: curves of one unit are not independent, so no split may
     # part them
     units: tuple[str, ...]

@@ -221,7 +221,6 @@ class ResponseModel(ABC):
         return repair(self.decode(params))
 
     def _params(self, params: ArrayLike) -> Array:
-        """Check parameters of shape (..., k)."""
         p = as_finite("params", params)
         if p.ndim < 1 or p.shape[-1] != self.n_params:
             raise InputError(f"params of shape {p.shape} have the wrong shape for {self!r}; use (..., {self.n_params})")

@@ -37,7 +37,6 @@ COLUMNS = (
     "difference_low", "difference_high", "beyond_0.005", "scaled", "separate", "separate_scaled", "coverage", "seconds",
     "by_paper", "paper_mean", "paper_seconds", "verdict",
 )  # fmt: skip
-#: The models in the paper's order, then those it lacks.
 ROWS = (*CALIBRATION, "SLR-monotone-1", "SLR-monotone-3", "PPISP-4", DEFAULT_MODEL)
 CHANNELS = ("intensity", "r", "g", "b")
 

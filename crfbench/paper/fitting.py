@@ -133,7 +133,6 @@ def _network_rows(direction: Direction, curves: Array, dataset: str) -> Iterator
 def _fit_folds(
     kind: type[ClosedForm], k: int, direction: Direction, curves: Array, folds: np.ndarray
 ) -> tuple[Array, float]:
-    """Fit each fold with a model learned from the others."""
     decoded, seconds = np.empty_like(curves), 0.0
     for fold in np.unique(folds):
         test = folds == fold

@@ -26,7 +26,6 @@ FITTING: dict[str, str] = {
 #: Table 2, "Stability": total variance between inverse responses from 3, 6, 12 and 24 patches (Canon PowerShot G9).
 STABILITY: dict[str, float] = {"SLR-ldl-1": 0.66, "Polynomial-3": 1.63, "GGCM-3": 8.11, "EMoR-3": 3.87}
 
-#: Columns of Table 3: statistics of the RMSE over 14 cameras, and seconds for all of them.
 CALIBRATION_COLUMNS = ("mean", "median", "sd", "max", "p95", "seconds")
 
 #: Table 3, "Camera radiometric calibration", of inverse responses.
@@ -46,4 +45,4 @@ CALIBRATION: dict[str, tuple[float, ...]] = {
     "EMoR-3": (0.154, 0.105, 0.121, 0.474, 0.408, 138.1),
 }
 
-SIGNIFICANT_RMSE = 0.005  # in calibration
+SIGNIFICANT_RMSE = 0.005

@@ -24,7 +24,6 @@ COLUMNS = (
 )  # fmt: skip
 SIZES = (3, 6, 12, 24)
 CAMERA = "CanonPowerShotG9"
-#: The paper's four, then ours.
 ROWS = (*STABILITY, "SLR-baseline-1", "SLR-monotone-1", "SLR-ldl-3", "Gamma-1", DEFAULT_MODEL)
 DEFINITION = (
     "total variance: the variance of inverse responses, summed over 1024 samples. Stated subsets: four curves of a "
@@ -105,7 +104,16 @@ def _stated_curves(camera: str, model: str, method: str, discrepancy: bool, seed
 
 
 def _stated(chart: PatchArrays, cameras: list[int]) -> Observations:
-    return _nested(chart, cameras, np.tile(np.array(PATCH_ORDER) - 1, (len(cameras), 1)))
+    """Observe each camera with the first 3, 6, 12 and 24 patches of `PATCH_ORDER`: 4 n sets."""
+    used = np.argsort(PATCH_ORDER) < np.array(SIZES)[:, None]
+    picked = np.repeat(cameras, len(SIZES))
+    shape = (len(picked), -1, N_PATCHES)
+    return Observations.from_rgb(
+        chart.jpeg[picked].reshape(*shape, 3),
+        REFERENCE_IRRADIANCE,
+        clipped=chart.clipped[picked].reshape(shape),
+        weights=np.tile(used[:, None], (len(cameras), 1, 1)).astype(float),
+    )
 
 
 def _triples(chart: PatchArrays, n: int, seed: int) -> tuple[np.ndarray, Observations]:
@@ -120,20 +128,6 @@ def _triples(chart: PatchArrays, n: int, seed: int) -> tuple[np.ndarray, Observa
     rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])[turns]
     weights = (rank[:, None] < SIZES[0]).astype(float)
     return turns, Observations.from_rgb(rgb, REFERENCE_IRRADIANCE, clipped=clipped, weights=weights)
-
-
-def _nested(chart: PatchArrays, cameras: list[int], orders: np.ndarray) -> Observations:
-    """Observe each camera with the first 3, 6, 12 and 24 patches of its order (n, 24): 4 n sets."""
-    rank = np.argsort(orders, axis=1)
-    weights = (rank[:, None] < np.array(SIZES)[:, None]).reshape(-1, 1, N_PATCHES).astype(float)
-    picked = np.repeat(cameras, len(SIZES))
-    shape = (len(picked), -1, N_PATCHES)
-    return Observations.from_rgb(
-        chart.jpeg[picked].reshape(*shape, 3),
-        REFERENCE_IRRADIANCE,
-        clipped=chart.clipped[picked].reshape(shape),
-        weights=weights,
-    )
 
 
 def _row(name: str, method: str, where: tuple[str, str], variances: list[float]) -> dict[str, object]:

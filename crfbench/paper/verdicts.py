@@ -11,7 +11,6 @@ from crfbench.paper.results import PaperResults
 
 #: "Twice as fast" is a ratio above the first, "slightly worse" one below the second, "1" within the third of 1.
 TWICE, SLIGHTLY, NEAR_ONE = 1.8, 1.5, 0.1
-#: What each verdict means.
 RULES = {
     "reproduced": "our number lies within one unit of the paper's last printed digit, or the paper's lies within the "
     "spread of ours (in Table 3, 95 % of a bootstrap over the cameras); there, also when the two are no more than "
@@ -31,13 +30,13 @@ class Claim(NamedTuple):
     """A claim of the paper beside what we find: one row of the claims table, all text."""
 
     claim: str = ""  # what the paper says, in our words
-    where: str = ""  # its section or table
+    where: str = ""
     paper: str = ""  # the figure as printed; empty where it gives none
     ours: str = ""
     spread: str = ""  # what ours ranges over seeds, folds or bootstrap; empty where there is none
     how: str = ""  # the function that computes ours
     verdict: str = ""  # by `RULES`
-    why: str = ""  # in a sentence
+    why: str = ""
     group: str = ""  # what it is counted once with: the claim that it repeats, or the row of its table
 
 

@@ -30,7 +30,7 @@ class Journal:
 
     def __init__(self, path: str | Path | None, settings: Mapping[str, Any]) -> None:
         self.path = None if path is None else Path(path)
-        self.outcomes: list[Outcome] = []  # what the file holds
+        self.outcomes: list[Outcome] = []
         if self.path is not None:
             self._open(self.path, settings)
 
@@ -81,12 +81,14 @@ def _parse(path: Path, lines: list[bytes]) -> tuple[dict[str, Any], list[Outcome
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The results of all candidates, and the choice."""
+    """The results of all candidates, and the choice.
 
-    # one row a candidate, most accurate first, with the columns of `COLUMNS`: neurons of the hidden layers (0 for
-    # none), mean MSE of the held-out curves, its standard deviation over the folds, their mean RMSE, weights and
-    # biases of the encoder, seconds of computing, rank by accuracy, whether it is the choice, epochs of training.
-    # Candidates that were trained for longer rank first: the others were given up before
+    The table has one row a candidate, most accurate first: neurons of the hidden layers (0 for none), mean MSE of the
+    held-out curves, its standard deviation over the folds, their mean RMSE, weights and biases of the encoder, seconds
+    of computing, rank by accuracy, whether it is the choice, epochs of training. Candidates that were trained for
+    longer rank first: the others were given up before.
+    """
+
     table: pd.DataFrame
     m: int  # of how many most accurate candidates the least complex was chosen
 

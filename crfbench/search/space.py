@@ -62,8 +62,8 @@ class Outcome:
 
     hidden: Hidden
     epochs: int
-    mse: tuple[float, ...]  # one a fold: the mean over its held-out curves
-    rmse: tuple[float, ...]  # the same
+    mse: tuple[float, ...]  # one a fold, as rmse: the mean over its held-out curves
+    rmse: tuple[float, ...]
     seconds: float  # the candidate's share of the time of those it was trained with
 
     @property

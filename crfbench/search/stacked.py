@@ -31,7 +31,7 @@ class Stack:
     """Candidates to train together on all folds, with everything that a worker needs to do so."""
 
     curves: np.ndarray  # shape (n, 1024)
-    direction: Direction  # of the curves
+    direction: Direction
     folds: np.ndarray  # shape (n,); each fold in turn is held out
     hidden: tuple[Hidden, ...]  # the candidates, of equal depth
     config: TrainingConfig  # for all of them; LDL and one latent, full batches, no smoothness. Its `hidden` is not used
@@ -75,7 +75,7 @@ class StackedNetworks:
         layers = [list(_thinned(trainer, stack.blocks)) for trainer in self._trainers]
         self.weights = [_pad([layer[0] for layer in same]) for same in zip(*layers, strict=True)]
         self.biases = [_pad([layer[1] for layer in same]) for same in zip(*layers, strict=True)]
-        self._latent = len(self.weights) // 2  # which activation is the latent
+        self._latent = len(self.weights) // 2
         self._prepare_curves()
         self._prepare_steps()
 
