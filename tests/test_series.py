@@ -81,6 +81,16 @@ def test_still_photographs_and_those_of_other_scenes_are_not_shifted():
     assert not align_series([one.images[0], other.images[1]], [0, 1])[1].any()
 
 
+@pytest.mark.parametrize("size", [(130, 90), (150, 134), (240, 160)])  # 135 x 90, odd, is quickest to transform
+def test_small_errors_of_many_steps_do_not_add_up_to_a_shift(size):
+    rng = np.random.default_rng(0)
+    image = render_series(GAMMA, 0, size=size).images[2]
+    noisy = [np.clip(image + rng.normal(0, 6, image.shape), 0, 255).astype(np.uint8) for _ in range(12)]
+    assert not align_series(noisy, np.arange(12))[1].any()
+    moved = [np.roll(each, k // 4, 1) for k, each in enumerate(noisy)]
+    assert align_series(moved, np.arange(12))[1][:, 0].tolist() == [1] * 4 + [0] * 4 + [-1] * 4
+
+
 def test_what_moves_is_left_out_and_told():
     response = load_opencrf().curves[0]
     series = render_series(response, 0, size=(480, 320))

@@ -105,9 +105,23 @@ def find_shifts(pictures: Sequence[NDArray[np.uint8]], stops: Array, shape: tupl
     scale = max(shape[:2]) / max(pictures[0].shape)
     steps = [scale * _shift(pictures[early], pictures[late]) for early, late in pairwise(order)]
     along = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    shifts = np.empty(along.shape, dtype=np.intp)
+    shifts, middle = np.empty(along.shape, dtype=np.intp), order[len(order) // 2]
     shifts[order] = np.rint(along[len(order) // 2] - along)
+    for shift, picture in zip(shifts, pictures, strict=True):
+        if shift.any() and not _nearer(pictures[middle], picture, shift / scale):
+            shift[:] = 0  # small errors of the steps have added up, or something large has moved
     return shifts
+
+
+def _nearer(still: NDArray[np.uint8], picture: NDArray[np.uint8], shift: Array) -> bool:
+    """Say whether a shifted picture is more like the one that stays than it is without."""
+    import cv2
+
+    edge = int(np.ceil(np.abs(shift).max()))
+    inside = (slice(edge, -edge),) * 2
+    moved = cv2.warpAffine(picture, np.column_stack([np.eye(2), shift]), picture.shape[::-1])
+    off = [np.abs(np.subtract(still[inside], each[inside], dtype=np.int16)).sum() for each in (picture, moved)]
+    return bool(off[1] < off[0])
 
 
 def shifted(array: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
@@ -127,7 +141,10 @@ def _shift(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Array:
     import cv2
 
     window = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
-    found, sure = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
+    # Of a transform of odd length OpenCV takes the middle half a pixel off.
+    more = [2 * cv2.getOptimalDFTSize((length + 1) // 2) - length for length in first.shape]
+    seen = [np.pad(picture * window, [(0, n) for n in more]) for picture in (first, second)]
+    found, sure = cv2.phaseCorrelate(*seen)
     return np.array(found if sure > _SURE else (0.0, 0.0))
 
 
