@@ -74,14 +74,17 @@ class Plan:
         return replace(self, pairs=pairs, exifs=exifs, times=times, stops=stops, problems=[*self.problems, *problems])
 
     def table(self) -> str:
-        """Return a line a photograph: its files, exposure time, stops."""
+        """Return a line a photograph: its files, exposure time and, where it is known, stops."""
         files = [[path.name for path in dict.fromkeys((pair.jpeg, pair.raw)) if path] for pair in self.pairs]
         names = [" + ".join(each) for each in files]
         if len(set(names)) < len(names):
             names = [pair.name for pair in self.pairs]
         rows = zip(names, map(_as_text, self.times.tolist()), self.stops.tolist(), strict=True)
         width = max(map(len, names), default=0)
-        return "\n".join(f"{name:{width}}  {time:>9}  {stop:+6.2f} stops" for name, time, stop in rows)
+        return "\n".join(
+            f"{name:{width}}  {time:>9}" + (f"  {stop:+6.2f} stops" if np.isfinite(stop) else "")
+            for name, time, stop in rows
+        )
 
 
 def pair_photographs(source: Source) -> tuple[list[Pair], list[Problem]]:
