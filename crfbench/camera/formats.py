@@ -38,8 +38,8 @@ class Format(NamedTuple):
     straight between its samples, and the rest is lost, such as the band.
     """
 
-    suffix: str  # the end of its files' names, in small letters
-    sign: bytes  # a pattern of what the beginning of a file shows, whatever its name
+    suffix: str  # the end of its files' names, in small letters; without a dot before it, the whole name
+    sign: bytes  # a pattern of what the beginning of a file shows, whatever its name; of several the first counts
     read: Callable[[bytes], Passport]  # raises `InputError` or `FormatError` for bytes of another kind
     write: Callable[[Passport], bytes] | None = None
     channels: tuple[int, ...] = ()  # how many curves it can hold; none: it is only read
