@@ -246,6 +246,8 @@ def calibrate(
         "align": align,
         "white_level": white_level,
     }
+    if each and force:
+        raise InputError("--force replaces nothing with --each; remove the folders of OUT that are to be done again")
     if each:
         return _calibrate_each(source, out, options)
     result = camera.calibrate(source, say=partial(typer.echo, err=True), **options)
@@ -267,7 +269,8 @@ def _calibrate_each(folders: list[Path], out: Path, options: dict[str, Any]) -> 
 
     failed = 0
     for i, (folder, problem) in enumerate(camera.calibrate_cameras(folders, out, **options)):
-        typer.echo(f"{i + 1} of {len(folders)}: {(problem and f'{folder}: {problem}') or out / folder.resolve().name}")
+        told = f"{folder}: {problem}" if problem else out / folder.resolve().name
+        typer.echo(f"{i + 1} of {len(folders)}: {told}")
         failed += bool(problem)
     if failed:
         raise InputError(f"{failed} of {len(folders)} folders gave no response; see above, and call this again")

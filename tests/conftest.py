@@ -6,16 +6,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from crfbench.datasets import Responses, load_dorf, load_opencrf, registry
-
-if TYPE_CHECKING:
-    from crfbench.camera import CameraCalibration
+from crfbench.datasets import Responses, load_dorf, registry
 
 # spectral-film-lut has colour-science look into every loaded module as it loads, which fails where one of them loads
 # others when looked into; so it is loaded here, before the tests load more. It also changes how NumPy prints: undone.
@@ -82,38 +78,6 @@ def middlebury_folder() -> Path:
     if path is None:
         pytest.skip("the Middlebury images are absent: run 'crfbench fetch middlebury' and set CRFBENCH_DATA")
     return path
-
-
-@pytest.fixture(scope="session")
-def camera_response() -> np.ndarray:
-    """Return the true response of the synthetic camera, shape (1024,)."""
-    return load_opencrf().curves[70]
-
-
-@pytest.fixture(scope="session")
-def camera_folder(tmp_path_factory: pytest.TempPathFactory, camera_response: np.ndarray) -> Path:
-    """Photograph a chart with the synthetic camera: three RAW and JPEG pairs, a damaged JPEG, and a note.
-
-    The names are neither short nor Latin. Tests read this folder and write elsewhere.
-    """
-    from tests.support.photographs import write_pair
-    from tests.support.scenes import render_chart
-
-    folder = tmp_path_factory.mktemp("my photos ü 写真")
-    for i, exposure in enumerate((0.15, 0.4, 1.1)):
-        scene = render_chart(camera_response, seed=i, size=(480, 360), exposure=exposure)
-        write_pair(folder, f"写真 {i}", scene, exposure_time=0.01 * exposure)
-    (folder / "notes.txt").write_text("not a photograph")
-    (folder / "broken.jpg").write_bytes((folder / "写真 0.jpg").read_bytes()[:3000])
-    return folder
-
-
-@pytest.fixture(scope="session")
-def camera_calibration(camera_folder: Path) -> "CameraCalibration":
-    """Calibrate the synthetic camera once."""
-    from crfbench import camera
-
-    return camera.calibrate(camera_folder, created="2026-01-31")
 
 
 @pytest.fixture(scope="session")

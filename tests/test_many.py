@@ -1,5 +1,6 @@
 """Many cameras at once, and the processes that they and the search run in."""
 
+import errno
 import os
 import signal
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ import pytest
 from PIL import Image
 
 from crfbench import parallel
-from crfbench.camera import Passport, calibrate_cameras, read_response, render_series
+from crfbench.camera import Passport, calibrate_cameras, many, read_response, render_series
 from crfbench.curves import GRID
 from crfbench.errors import InputError, WorkerError
 from tests.support.command import run_command
@@ -66,6 +67,38 @@ def test_what_is_done_is_not_done_again(folders: list[Path], tmp_path: Path) -> 
 def test_folders_of_one_name_are_refused(folders: list[Path], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="2 folders have but 1 names"):
         list(calibrate_cameras([folders[0], folders[0]], tmp_path))
+
+
+def test_folders_are_not_taken_for_their_own_results(folders: list[Path]) -> None:
+    with pytest.raises(InputError, match="holds bright itself"):
+        list(calibrate_cameras(folders[:1], folders[0].parent))
+
+
+def test_what_would_be_replaced_is_removed_by_hand(folders: list[Path], tmp_path: Path) -> None:
+    told = run_command("calibrate", folders[0], "--each", "--force", "--out", tmp_path)
+    assert (told.returncode, "remove the folders" in told.stderr) == (2, True)
+
+
+def test_a_full_disk_is_told_for_the_camera_that_met_it(
+    folders: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(many, "write_outputs", full)
+    with ThreadPoolExecutor(1) as executor:
+        found = calibrated(folders[:1], tmp_path, executor=executor)
+    assert "No space left" in found["bright"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_workers_that_cannot_start_are_told(folders: list[Path], tmp_path: Path) -> None:
+    class Unable(ThreadPoolExecutor):
+        def submit(self, *_arguments):
+            raise OSError("no processes")
+
+    with Unable(1) as executor, pytest.raises(WorkerError, match="did not start"):
+        calibrated(folders[:1], tmp_path, executor=executor)
 
 
 def test_the_command_names_each_camera_and_what_failed(folders: list[Path], tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ BAND_SAMPLES = np.append(np.arange(0, N_SAMPLES, 8), N_SAMPLES - 1)
 
 ONE_PARAMETER, MORE_PARAMETERS = 512, 1024  # rows
 _REACH = 5.0  # standard deviations of the prior, and the least reach of an unconstrained parameter
-_FEWEST = 16
+_FEWEST = 16  # rows
 N_NEARBY, _NEARBY = 256, 0.25  # draws near the best parameters, and their spread in that of the prior
 _CELLS = 2**19  # numbers in one array over the table; memory then grows with the results alone
 

@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -38,17 +38,20 @@ def calibrate_cameras(
     tuple of Path and str
         Each folder as it is done, with what was wrong with its photographs, or "".
     """
-    paths = list(map(Path, folders))
+    paths, out = list(map(Path, folders)), Path(out).resolve()
     given = {path.resolve().name: path for path in paths}
     if len(given) < len(paths):
         raise InputError(f"{len(paths)} folders have but {len(given)} names; use folders of different names")
-    done = {name for name in given if (Path(out) / name).exists()}
-    yield from ((given[name], "") for name in given if name in done)
-    todo = {name: folder for name, folder in given.items() if name not in done}
-    Path(out).mkdir(parents=True, exist_ok=True)
+    if inside := [path for path in paths if path.resolve().parent == out]:
+        raise InputError(f"out={str(out)!r} holds {inside[0].name} itself; use another folder")
+    out.mkdir(parents=True, exist_ok=True)
+    todo = {name: path for name, path in given.items() if not (out / name).exists()}
+    yield from ((path, "") for name, path in given.items() if name not in todo)
     with nullcontext(executor) if executor else local_workers() as workers:
-        futures = {workers.submit(_calibrate, todo[name], Path(out) / name, options): todo[name] for name in todo}
+        futures: dict[Future[str], Path] = {}
         try:
+            for name, path in todo.items():
+                futures[workers.submit(_calibrate, path, out / name, options)] = path
             yield from ((futures[future], future.result()) for future in as_completed(futures))
         except (BrokenExecutor, OSError) as error:
             raise worker_error(error, "calibrate the same folders again") from error
@@ -58,14 +61,14 @@ def calibrate_cameras(
 
 
 def _calibrate(folder: Path, out: Path, options: dict[str, Any]) -> str:
-    """Return why a camera could not be calibrated, which must not end the others."""
+    """Return why a camera gave no response, which must not end the others: its files, or a full disk."""
     try:
         result = calibrate(folder, **options)
-    except CrfbenchError as error:
+        with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as part:
+            complete = Path(part) / "complete"
+            list(write_outputs(result, complete))
+            if not out.exists():  # another process may have been faster
+                complete.rename(out)
+    except (CrfbenchError, OSError) as error:
         return str(error)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as part:
-        complete = Path(part) / "complete"
-        list(write_outputs(result, complete))
-        if not out.exists():  # another process may have been faster
-            complete.rename(out)
     return ""

@@ -22,7 +22,8 @@ RULES = {
     "does not hold": "a statement in words, of which our numbers, or the paper's own, say otherwise",
     "undecided": "a statement in words, of which our numbers say both: their ranges overlap, or it depends on the "
     "measure",
-    "not comparable": "the paper's number depends on its computer, or cannot be recomputed from what is published",
+    "not comparable": "the paper's number depends on its computer, cannot be recomputed from what is published, or is "
+    "a largest RMSE above ours, whose spread a bootstrap cannot tell",
 }
 
 

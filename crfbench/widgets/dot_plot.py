@@ -3,6 +3,7 @@
 import pandas as pd
 import traitlets
 
+from crfbench.checks import as_finite
 from crfbench.errors import InputError
 from crfbench.widgets.assets import bundle, join
 from crfbench.widgets.page import LivingWidget, page
@@ -28,8 +29,10 @@ class DotPlot(LivingWidget):
     _dots = traitlets.Dict().tag(sync=True)
 
     def __init__(self, table: pd.DataFrame, x: str, y: str, by: str, name: str, log: bool = False) -> None:
-        if (missing := {x, y, by, name} - set(table)) or table.empty:
-            raise InputError(f"the table has {len(table)} rows and no column {sorted(missing)}; use columns it has")
+        if missing := {x, y, by, name} - set(table):
+            raise InputError(f"the table has no column {sorted(missing)}; use some of {list(map(str, table))}")
+        for column in (x, y):
+            as_finite(column, table[column])
         groups = {str(group): rows for group, rows in table.groupby(by)}
         columns = {"x": x, "y": y, "names": name}
         dots = [{"label": group} | {to: list(rows[of]) for to, of in columns.items()} for group, rows in groups.items()]
