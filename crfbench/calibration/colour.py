@@ -33,6 +33,7 @@ RAW_FULL = 0.99  # from which on a colour counts as clipped
 _FREEDOM = 15.0  # of Student's t
 _LEAST = 0.006  # standard deviation of a brightness, at the least
 _ROUNDS, _STEPS = 5, 12
+_FAR = 0.4  # of the log of a gain, from which on a fit begins with one that suits the curves
 _WHITE_SD = 0.35  # of log RAW of what is just white in the JPEG, over cameras
 _DARKEST = 1e-4
 
@@ -229,6 +230,10 @@ def _student(z: Array) -> Array:
 
 def _fit(pairs: _Pairs, curves: Array, start: Array) -> _Fit:
     """Fit M to the brightness, by least squares that are weighed again at every step."""
+    light = np.maximum(_drawn(pairs.raw, start, pairs.soft)[0], _DARKEST)
+    gain = pairs.middle(evaluate(curves, pairs.jpeg) / light, (2,))
+    # From far off the first step would end past 0, where every colour is black.
+    start = np.where(abs(np.log(np.maximum(gain, _DARKEST))) > _FAR, gain, 1.0) * start
     sigma = pairs.middle(abs(pairs.jpeg - _brightness(curves, _drawn(pairs.raw, start, pairs.soft)[0])))
     sigma, balance = np.maximum(sigma / 0.674, _LEAST), np.repeat(_grey(start)[:, None], 3, axis=1).reshape(-1, 9)
     # Shares of M for RAW that is balanced to grey; gains are known to a factor of e^100, lest no reading tells one.
