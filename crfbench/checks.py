@@ -11,17 +11,22 @@ from crfbench.errors import FormatError, InputError
 MOST = 1e30  # where nothing else bounds an argument
 
 
+def refuse_masked(name: str, values: object) -> None:
+    """Raise `InputError` where an array, or one of a list, has masked values."""
+    # NumPy drops masks without a word.
+    parts = values if isinstance(values, list | tuple) else [values]
+    masked = sum(int(np.ma.count_masked(part)) for part in parts if isinstance(part, np.ma.MaskedArray))
+    if masked:
+        raise InputError(f"{name} holds {masked} masked values; fill them, or leave them out")
+
+
 def as_numbers(name: str, values: object) -> NDArray[np.float64]:
     """Return `values`, which messages call `name`, as float64; NaN may be among them.
 
     Text, complex numbers, masked values and rows of unequal length are refused; generators are read.
     """
     values = list(values) if isinstance(values, Iterator) else values
-    # NumPy drops the masks of arrays in a list without a word.
-    parts = values if isinstance(values, list | tuple) else [values]
-    masked = sum(int(np.ma.count_masked(part)) for part in parts if isinstance(part, np.ma.MaskedArray))
-    if masked:
-        raise InputError(f"{name} holds {masked} masked values; fill them, or leave them out")
+    refuse_masked(name, values)
     if getattr(values, "requires_grad", False):
         raise InputError(f"{name} is a tensor that requires gradients; use {name}.detach()")
     wrong = "rows of unequal length"

@@ -61,6 +61,7 @@ def test_views_and_extremes():
     ("image", "response", "dtype", "message"),
     [
         (np.zeros((2, 2), np.int32), RGB[0], np.float32, "pixels are int32; use uint8, uint16"),
+        (np.ma.array(np.full((2, 2), 9, np.uint8), mask=np.eye(2)), RGB[0], np.float32, "image holds 2 masked"),
         (np.zeros((2, 2), bool), RGB[0], np.float32, "bool"),
         (np.full((2, 2), np.nan), RGB[0], np.float32, "holds NaN"),
         (np.zeros((2, 2, 4), np.uint8), RGB[0], np.float32, r"shape \(2, 2, 4\); use \(h, w\)"),

@@ -343,6 +343,7 @@ STEEP = [np.full((20, 20, 3), level, np.uint8) for level in (60, 120)]
         ([STEEP[0], STEEP[1][:10]], [0, 1], r"image 1 uint8 \(10, 20, 3\); use images of one size"),
         ([STEEP[0], STEEP[1].astype(np.uint16)], [0, 1], "image 1 uint16"),
         ([FLAT / 255] * 2, [0, 1], "image 0 is float64"),
+        ([STEEP[0], np.ma.masked_greater(STEEP[1], 0)], [0, 1], r"images holds \d+ masked values"),
         ([FLAT[..., :2]] * 2, [0, 1], r"shape \(20, 20, 2\)"),
         ([FLAT * 0, FLAT * 0 + 255], [0, 1], "none of 48 blocks is unclipped in two exposures"),
         ([FLAT, FLAT], [0, 1], "brightness changes by 0 where exposure rises"),
@@ -358,6 +359,12 @@ STEEP = [np.full((20, 20, 3), level, np.uint8) for level in (60, 120)]
 def test_what_cannot_be_sampled(images, stops, message):
     with pytest.raises(InputError, match=message):
         sample_series(images, stops)
+
+
+def test_masked_photographs_are_not_merged():
+    for masked in ([np.ma.masked_less(FLAT, 300)] * 2, iter([np.ma.masked_less(FLAT, 300)] * 2)):
+        with pytest.raises(InputError, match=r"images holds \d+ masked values"):
+            merge_series(masked, [0, 1], GRID)
 
 
 def test_too_few_samples_are_refused():

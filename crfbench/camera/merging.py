@@ -18,6 +18,7 @@ from crfbench.calibration import Calibration
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.passport import Passport
 from crfbench.camera.series import Image, as_series, as_stops
+from crfbench.checks import refuse_masked
 from crfbench.curves import GRID, Array, as_valid_curves, evaluate, repair
 from crfbench.errors import InputError
 from crfbench.files import check_new, write_new
@@ -79,6 +80,7 @@ def merge_series(
     total: NDArray[np.float32] = np.empty(0, dtype=np.float32)
     weighted = total
     for image, exposure in zip(arrays, light, strict=True):
+        refuse_masked("images", image)
         if not total.size:
             total, weighted = np.zeros((2, *image.shape), dtype=np.float32)
             tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1, noise)

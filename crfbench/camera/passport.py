@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from crfbench.calibration.colour import to_raw
-from crfbench.checks import as_finite, check_choice, check_count, check_number
+from crfbench.checks import as_finite, check_choice, check_count, check_number, refuse_masked
 from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, evaluate, invert
 from crfbench.errors import InputError
 
@@ -214,6 +214,7 @@ def linearise(
         if not isinstance(response, Passport) or response.matrix is None or response.soft is None:
             raise InputError("to='camera' needs a colour matrix; use the passport of a chart with RAW, or to='light'")
         return _quantised(to_raw(linearise(image, response), response.matrix, response.soft), np.dtype(dtype))
+    refuse_masked("image", image)
     pixels = np.asarray(image)
     curves = response.in_direction("inverse") if isinstance(response, Passport) else as_valid_curves(response)
     if len(curves) not in (1, 3):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from crfbench.calibration import Calibration, Noise, Observations, calibrate
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.reading import read_levels, reduced
-from crfbench.checks import as_numbers, check_count, check_seed
+from crfbench.checks import as_numbers, check_count, check_seed, refuse_masked
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
@@ -339,6 +339,7 @@ def _as_reduced(images: Sequence[ArrayLike | Reduced]) -> list[Reduced]:
 
 
 def _as_images(images: Sequence[ArrayLike]) -> list[Image]:
+    refuse_masked("images", list(images))
     arrays = [np.atleast_3d(np.asarray(image)) for image in images]
     first = arrays[0]
     if first.dtype not in (np.uint8, np.uint16) or first.ndim != 3 or first.shape[2] not in (1, 3) or not first.size:
