@@ -111,6 +111,8 @@ def test_dots_keep_their_names_and_groups():
         DotPlot(table, "stops", "RMSE", by="colour", name="who")
     with pytest.raises(InputError, match="0 rows"):
         DotPlot(table[:0], "stops", "RMSE", by="kind", name="who")
+    with pytest.raises(InputError, match="RMSE"):
+        DotPlot(table.assign(RMSE=np.nan), "stops", "RMSE", by="kind", name="who")
 
 
 def test_reset_and_a_new_model_start_at_the_mean(explorer: ModelExplorer) -> None:

@@ -31,6 +31,8 @@ class DotPlot(LivingWidget):
     def __init__(self, table: pd.DataFrame, x: str, y: str, by: str, name: str, log: bool = False) -> None:
         if missing := {x, y, by, name} - set(table):
             raise InputError(f"the table has no column {sorted(missing)}; use some of {list(map(str, table))}")
+        if table.empty:
+            raise InputError("the table has 0 rows; use one or more")
         for column in (x, y):
             as_finite(column, table[column])
         groups = {str(group): rows for group, rows in table.groupby(by)}
