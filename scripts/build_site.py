@@ -155,8 +155,12 @@ def _page_links(markdown: str) -> str:
 
 
 def notebook_body(notebook: NotebookNode) -> str:
-    """Return a notebook as it is stored, with widgets that live without Python in the place of stored ones."""
+    """Return a notebook as it is stored, with widgets that live without Python in the place of stored ones.
+
+    Cells that check the prose, which JupyterLab shows collapsed, are left out.
+    """
     heading = ""
+    notebook.cells = [cell for cell in notebook.cells if "check" not in cell.metadata.get("tags", [])]
     for number, cell in enumerate(notebook.cells):
         if cell.cell_type == "markdown":
             heading = (re.findall(r"^#+ (.+)$", cell.source, flags=re.MULTILINE) or [heading])[-1]
