@@ -25,8 +25,9 @@ from crfbench.plots import plot_calibration
 from tests.support.observing import MODELS, known_curves, ready, scene, shape_rmse, unclipped
 
 SHARP = Noise(brightness=1e-3, exposure=1e-3)
+LONG = ("SLR-monotone-1", "GGCM-3", "PPISP-4")  # of which the others run through the same code
 CASES = [
-    pytest.param(name, method, id=f"{name}-{method}")
+    pytest.param(name, method, id=f"{name}-{method}", marks=[pytest.mark.slow] * (name in LONG))
     for name in MODELS
     for method in ("map", "discrepancy", "grid" if name.endswith("-1") else "lm")
 ]
@@ -162,7 +163,7 @@ def test_grid_is_the_global_optimum_and_the_papers_search_is_no_better(middlebur
     assert (loss_of("paper", starts=3) >= grid * (1 - 1e-9)).all()
 
 
-@pytest.mark.parametrize(("rate", "steps"), [(0.02, 25), (0.05, 600)])
+@pytest.mark.parametrize(("rate", "steps"), [pytest.param(0.02, 25, marks=pytest.mark.slow), (0.05, 600)])
 def test_the_papers_search_takes_the_steps_of_pytorchs_adam(middlebury, rate, steps):
     """Until the loss moves by less than 1e-6, which the longer of the two runs does."""
     torch = pytest.importorskip("torch")
@@ -189,7 +190,7 @@ def test_the_papers_search_takes_the_steps_of_pytorchs_adam(middlebury, rate, st
         assert values[-1] < values[1]
 
 
-@pytest.mark.parametrize("method", ["grid", "paper"])
+@pytest.mark.parametrize("method", ["grid", pytest.param("paper", marks=pytest.mark.slow)])
 def test_how_large_all_weights_are_does_not_matter_to_the_papers_loss(middlebury, method):
     model, table = ready("SLR-ldl-1")
     few = (Observations(middlebury[:3], REFERENCE_IRRADIANCE, weights=w * np.linspace(1, 2, 24)) for w in (1e-3, 1.0))
@@ -197,7 +198,7 @@ def test_how_large_all_weights_are_does_not_matter_to_the_papers_loss(middlebury
     np.testing.assert_allclose(first.params, second.params, rtol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["grid", "paper"])
+@pytest.mark.parametrize("method", ["grid", pytest.param("paper", marks=pytest.mark.slow)])
 def test_photographs_are_aligned_as_asked(middlebury, method):
     model, table = ready("SLR-ldl-1")
     few, each = Observations(middlebury[:3], REFERENCE_IRRADIANCE), np.arange(3)

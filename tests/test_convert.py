@@ -241,7 +241,7 @@ def test_pre_luts_shape_the_input():
             decode("csp", text.replace(old, new).encode())
 
 
-@pytest.mark.parametrize("end", ["spi1d", "csp"])
+@pytest.mark.parametrize("end", [pytest.param("spi1d", marks=pytest.mark.slow), "csp"])
 def test_tables_that_colour_science_writes(end, tmp_path):
     table = np.stack([np.linspace(0, 1, 33) ** gamma for gamma in (2.0, 2.2, 2.4)], axis=1)
     np.save(tmp_path / "table.npy", table)

@@ -252,7 +252,7 @@ def test_the_equations_of_ggcm_are_newtons():
 
 
 @pytest.mark.parametrize(("make", "bounds"), [(GGCM, [(-3, 6)] * 3), (PPISP, [(-3, 3)] * 4)])
-@pytest.mark.parametrize("direction", ["forward", "inverse"])
+@pytest.mark.parametrize("direction", [pytest.param("forward", marks=pytest.mark.slow), "inverse"])
 def test_nonlinear_fits_match_many_scipy_starts(make, bounds, direction):
     curves = TRAIN[direction][::50]
     model = make(direction=direction)

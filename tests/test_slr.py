@@ -16,6 +16,8 @@ from crfbench.models import SLR, ModelKey, load_model, pretrained_models
 from crfbench.models.slr import read_weights, save_weights
 from tests.support.curves import off_endpoints
 
+SOME = {ModelKey("SLR", "ldl", 1), ModelKey("SLR", "vae", 3), ModelKey("SLR", "monotone", 1, "forward")}
+
 
 def test_the_promised_networks_are_bundled():
     one = {ModelKey("SLR", constraint, 1) for constraint in ("baseline", "ldl", "auc", "aae", "vae")}
@@ -25,7 +27,10 @@ def test_the_promised_networks_are_bundled():
     assert one | three | forward | monotone <= set(pretrained_models())
 
 
-@pytest.mark.parametrize("key", pretrained_models(), ids=str)
+@pytest.mark.parametrize(
+    "key",
+    [pytest.param(key, id=str(key), marks=[pytest.mark.slow] * (key not in SOME)) for key in pretrained_models()],
+)
 def test_bundled_networks_have_honest_metadata(key):
     model, monotone = load_model(key), key.constraint in {"monotone", "open"}
     metadata = model.metadata_

@@ -43,7 +43,7 @@ def test_one_latent_learns_a_family_of_one_parameter(monotone):
 
 
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
-@pytest.mark.parametrize("n_latent", [1, 3])
+@pytest.mark.parametrize("n_latent", [1, pytest.param(3, marks=pytest.mark.slow)])
 class TestEveryConstraint:
     def test_trains_and_repeats_itself(self, constraint, n_latent):
         if constraint == "auc" and n_latent == 3:
