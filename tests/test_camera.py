@@ -4,7 +4,9 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import stat
+from pathlib import Path
 
 import cv2
 import matplotlib as mpl
@@ -165,9 +167,18 @@ def digest_of(paths):
     return hashlib.sha256(b"".join(hashlib.sha256(path.read_bytes()).digest() for path in paths)).hexdigest()
 
 
-def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth):
-    paths = list(camera.write_outputs(result, tmp_path))
-    names = {path.name for path in paths}
+@pytest.fixture(scope="module")
+def written(result, tmp_path_factory):
+    """Write the outputs once, into a folder; no figure may stay open, which a notebook would show."""
+    folder, before = tmp_path_factory.mktemp("written"), plt.get_fignums()
+    list(camera.write_outputs(result, folder))
+    assert plt.get_fignums() == before
+    return folder
+
+
+def test_outputs_are_complete_and_never_replaced_unasked(result, written, tmp_path, truth):
+    tmp_path = Path(shutil.copytree(written, tmp_path / "out"))
+    names = {path.name for path in tmp_path.iterdir()}
     assert {"passport.json", "response.csv", "response.cube", "report.html"} <= names
     passport = camera.read_response(tmp_path / "passport.json")
     assert passport.data_sha256 == digest_of(
@@ -183,9 +194,8 @@ def test_outputs_are_complete_and_never_replaced_unasked(result, tmp_path, truth
     list(camera.write_outputs(result, tmp_path, overwrite=True))
 
 
-def test_the_report_asks_for_nothing_elsewhere(result, tmp_path):
-    list(camera.write_outputs(result, tmp_path))
-    page = (tmp_path / "report.html").read_text()
+def test_the_report_asks_for_nothing_elsewhere(written):
+    page = (written / "report.html").read_text()
     assert not re.findall(r'(?:src|href)="(?!data:)', page)
     assert page.count("<img alt=") == 7  # curve and residuals of three channels, and the chart
     assert "broken.jpg" in page
@@ -205,12 +215,6 @@ def test_without_raw_files_there_is_nothing_to_be_straight_against(folder):
     patches = camera.linearised_patches(result, "写真 0")
     assert patches["raw"].isna().all()
     assert patches["linear"].between(0, 1).all()
-
-
-def test_writing_leaves_no_figure_open(result, tmp_path):
-    before = plt.get_fignums()
-    list(camera.write_outputs(result, tmp_path))
-    assert plt.get_fignums() == before, "a notebook would show it"
 
 
 def test_boxes_lie_where_the_corners_say():

@@ -211,7 +211,9 @@ def test_turning_the_image_turns_the_corners_and_the_same_image_has_the_same(sce
     np.testing.assert_array_equal(found[0], found[4])
 
 
-@pytest.mark.parametrize("size", [(480, 640, 3), (40, 400, 3), (2, 2, 3), (1, 500, 3)])
+@pytest.mark.parametrize(
+    "size", [pytest.param((480, 640, 3), marks=pytest.mark.slow), (40, 400, 3), (2, 2, 3), (1, 500, 3)]
+)
 def test_no_chart_in_noise(size):
     noise = np.random.default_rng(0).uniform(0, 1, size)
     for image in (noise, np.zeros(size), np.ones(size)):
@@ -288,7 +290,7 @@ def test_charts_whose_colours_are_out_of_order_are_found(change):
     np.testing.assert_allclose(corners, scene.corners, atol=0.01)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 @pytest.mark.parametrize("colour", [(0.3, 0.5, 0.1), (0.9, 0.7, 0.6), (0.1, 0.1, 0.1)], ids=["leaf", "hand", "shadow"])
 def test_a_chart_of_which_something_hides_a_part_is_refused(scene, seed, colour):
     place = np.random.default_rng(seed).integers(0, (4, 3))
@@ -391,6 +393,7 @@ def test_confidence_in_real_cameras():
 
 
 @pytest.mark.middlebury
+@pytest.mark.slow
 def test_middlebury_images_measured_by_corners(middlebury_folder):
     """Their charts fill the image without gaps: the grid must lie over the boxes of the bundled table."""
     frame = load_patches()

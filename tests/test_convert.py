@@ -210,7 +210,9 @@ def lut_file(kind: str, table: np.ndarray, low: float, high: float) -> bytes:
     }[kind].encode()
 
 
-@pytest.mark.parametrize("kind", ["range", "domain", "spi1d", "csp"])
+@pytest.mark.parametrize(
+    "kind", ["range", *(pytest.param(k, marks=pytest.mark.slow) for k in ("domain", "spi1d", "csp"))]
+)
 @given(low=st.floats(-0.5, 0.0), high=st.floats(1.0, 8.0), scale=st.floats(0.01, 100.0))
 @settings(max_examples=20)
 def test_of_a_wider_input_the_part_from_0_to_1_counts(kind, low, high, scale):

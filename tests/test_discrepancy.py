@@ -296,7 +296,7 @@ def test_expectation_maximisation_never_loses_likelihood(monkeypatch):
     assert seen[-1] > seen[0] + 10
 
 
-@pytest.mark.parametrize("kind", [Gamma, GGCM])
+@pytest.mark.parametrize("kind", [Gamma, pytest.param(GGCM, marks=pytest.mark.slow)])
 def test_what_learn_discrepancy_learns_makes_bands_that_cover(kind):
     """Prior from a third of the films, discrepancy from another, bands on the last."""
     third = np.unique(np.array(FILMS.units), return_inverse=True)[1] % 3

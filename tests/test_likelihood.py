@@ -343,7 +343,7 @@ def brute_force(model, observations, noise):
 
 @pytest.mark.parametrize("name", ["SLR-ldl-1", "SLR-monotone-1", "Gamma-1"])
 @pytest.mark.parametrize("known", KNOWN)
-@pytest.mark.parametrize("noise", [Noise(), Noise(brightness=0.005)])
+@pytest.mark.parametrize("noise", [pytest.param(Noise(), marks=pytest.mark.slow), Noise(brightness=0.005)])
 def test_the_posterior_of_one_parameter_is_the_integral(name, known, noise):
     model, table = ready(name)
     curves = known_curves(model, 1, seed=5)

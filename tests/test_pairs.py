@@ -121,6 +121,7 @@ def test_what_cannot_be_compared_is_told_in_one_sentence(tmp_path, photograph, t
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_another_style_and_another_camera_are_named_and_left_out(tmp_path, truth):
     for name, curve, model in (
         *((f"a{i}", truth, "one") for i in range(3)),

@@ -231,7 +231,7 @@ def test_bytes_of_any_kind_give_a_format_error(name, data):
 
 @pytest.mark.parametrize("name", FORMATS)
 @given(st.data())
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_a_damaged_file_gives_a_passport_or_a_format_error(name, data):
     content = file_of(name, ONE)
     near_head = st.integers(0, min(200, len(content))) | st.integers(0, len(content))

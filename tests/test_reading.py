@@ -508,9 +508,16 @@ def save_heic(path, image):
     pillow_heif.from_pillow(Image.fromarray(image)).save(path, quality=98)
 
 
+OTHER_FILES = [(save_grey, "png"), (save_grey_16, "tif"), (save_heic, "heic")]
+
+
 @pytest.mark.parametrize(
     ("save", "suffix"),
-    [(save_grey, "jpg"), (save_grey, "png"), (save_grey_16, "tif"), (save_12_bits, "png"), (save_heic, "heic")],
+    [
+        (save_grey, "jpg"),
+        (save_12_bits, "png"),
+        *(pytest.param(*other, marks=pytest.mark.slow) for other in OTHER_FILES),
+    ],
 )
 def test_a_known_response_comes_back_from_other_files(tmp_path, save, suffix):
     times = save_series(tmp_path / "series", save, suffix)

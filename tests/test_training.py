@@ -28,7 +28,7 @@ def quick(**changes):
     return TrainingConfig(**{"hidden": (12, 6), "epochs": 40, **changes})
 
 
-@pytest.mark.parametrize("monotone", [False, True])
+@pytest.mark.parametrize("monotone", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_one_latent_learns_a_family_of_one_parameter(monotone):
     model, history = train(GAMMAS, "forward", TrainingConfig(hidden=(30, 20), epochs=300, monotone=monotone))
     linear = EMoR.from_curves(GAMMAS, 1, "forward")

@@ -7,7 +7,7 @@ import pytest
 
 from .looks import colours, overflowing, picture, screenshot, settled, switch_theme
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 FIRST = """import numpy as np
 from crfbench import Gamma, load_history, load_responses

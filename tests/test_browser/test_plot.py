@@ -202,6 +202,7 @@ def line_of(current) -> int:
     return 1 + current.evaluate("(node) => [...node.parentNode.children].indexOf(node)")
 
 
+@pytest.mark.slow
 def test_algorithm_1_plays_by_itself_and_pauses(page) -> None:
     paused_at = page.evaluate(
         """async () => {
