@@ -5,6 +5,7 @@ Stevenson 2003, "Estimation-theoretic approach to dynamic range enhancement usin
 doi:10.1117/1.1557695, with the uncertainty of the curve itself added.
 """
 
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import NormalDist
@@ -24,7 +25,7 @@ from crfbench.errors import InputError
 from crfbench.files import check_new, write_new
 
 _LEVEL = 0.9  # of the band that is taken from a calibration
-_PART = 2**18  # pixels that are merged at once, so that memory is needed for little more than the result
+_PART = 2**16  # pixels that are merged at once: they fit into the cache, and need little memory
 _LEAST = 1e-9  # irradiance, and share of it that is uncertain; keeps divisions finite
 _SUFFIXES = (".exr", ".tif", ".tiff", ".hdr")
 
@@ -82,7 +83,8 @@ def merge_series(
     for image, exposure in zip(arrays, light, strict=True):
         refuse_masked("images", image)
         if not total.size:
-            total, weighted = np.zeros((2, *image.shape), dtype=np.float32)
+            # Not as parts of one array, which would stay as long as one of them.
+            total, weighted = (np.zeros(image.shape, dtype=np.float32) for _ in range(2))
             tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1, noise)
             # A level below its own noise may be stray light, which a short exposure makes large.
             sure = tables[0] >= 1.0
@@ -187,6 +189,7 @@ def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) ->
 def _exr(pixels: NDArray[np.float32]) -> bytes:
     import OpenEXR
 
+    OpenEXR.set_global_thread_count(os.cpu_count() or 1)  # else the compression takes longer than the merge
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with TemporaryDirectory() as folder:  # the library writes to files only
         file = Path(folder) / "image.exr"
