@@ -89,10 +89,11 @@ def merge_series(
             # A level below its own noise may be stray light, which a short exposure makes large.
             sure = tables[0] >= 1.0
             clear = [tables[0] * sure, tables[1] * sure, tables[2]]
+        weight, *irradiance = tables if exposure == light.max() else clear
+        known = [weight, *(table / np.float32(exposure) for table in irradiance)]
         step = max(1, _PART // image.shape[1])
         for rows in (slice(first, first + step) for first in range(0, len(image), step)):
-            known = tables if exposure == light.max() else clear
-            _add(image[rows], np.float32(exposure), known, total[rows], weighted[rows])
+            _add(image[rows], known, total[rows], weighted[rows])
     np.divide(weighted, total, out=weighted, where=total > 0)
     least = total[..., 0]
     for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
@@ -140,7 +141,6 @@ def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[
 
 def _add(
     image: Image,
-    exposure: np.float32,
     tables: Sequence[NDArray[np.float32]],
     total: NDArray[np.float32],
     weighted: NDArray[np.float32],
@@ -148,10 +148,9 @@ def _add(
     """Add what some rows of a photograph say; where nothing is measured yet, `weighted` holds the nearest end."""
     weight, times = (_look_up(image, table) for table in tables[:2])
     if (open_ended := total == 0).any():
-        np.maximum(weighted, _look_up(image, tables[2]) / exposure, out=weighted, where=open_ended)
+        np.maximum(weighted, _look_up(image, tables[2]), out=weighted, where=open_ended)
         weighted[open_ended & (weight > 0)] = 0
     total += weight
-    times /= exposure
     weighted += times
 
 
