@@ -6,6 +6,8 @@ import os
 import re
 import shutil
 import stat
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -18,6 +20,7 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 
 from crfbench import camera
+from crfbench.camera import outputs
 from crfbench.camera.measuring import chart_table, observe_chart, separate
 from crfbench.camera.photographs import pair_photographs
 from crfbench.camera.worker import WORKER
@@ -263,21 +266,62 @@ def test_exposures_alone_and_their_use(tmp_path, truth):
     assert "--force" in again.stderr
 
 
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_of_two_processes_with_one_folder_the_second_leaves_it_to_the_first(result, tmp_path, monkeypatch):
+    """The first begins to write while the second draws its report, or before the second looks."""
+
+    def meanwhile(drawn):
+        if drawn is second:
+            begun.append(next(first))
+        return drawn.passport.camera
+
+    monkeypatch.setattr(outputs, "report_page", meanwhile)
+    second = replace(result, passport=replace(result.passport, camera="another"))
+    out, alone = tmp_path / "out", tmp_path / "alone"
+    first, begun = camera.write_outputs(result, out), []
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"passport\.json exists already.*--force"):
+            list(camera.write_outputs(second, out))
+    assert [path.name for path in (*begun, *first)] == [path.name for path in camera.write_outputs(result, alone)]
+    assert contents(out) == contents(alone)
+
+
+def test_what_a_killed_process_wrote_is_complete_and_force_writes_the_rest(result, tmp_path, monkeypatch):
+    monkeypatch.setattr(outputs, "report_page", lambda drawn: "drawn")
+    out, alone = tmp_path / "out", tmp_path / "alone"
+    names = [path.name for path in camera.write_outputs(result, alone)]
+    list(islice(camera.write_outputs(result, out), 3))  # and nothing after the third file
+    assert contents(out) == {name: (alone / name).read_bytes() for name in names[:3]}
+    list(camera.write_outputs(result, out, overwrite=True))
+    assert contents(out) == contents(alone)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="limits of a process are set another way")
-def test_a_full_disk_leaves_nothing_half_written(folder, tmp_path):
+@pytest.mark.parametrize("target", ["out", "a.exr", "a.hdr", "a.tif", "a.cube"])
+def test_a_full_disk_leaves_nothing_half_written(folder, written, tmp_path, target):
     import resource
 
-    out, limits = tmp_path / "out", resource.getrlimit(resource.RLIMIT_FSIZE)
+    out, passport = tmp_path / target, written / "passport.json"
+    arguments = {
+        "out": ("calibrate", folder, "--out", out),
+        "a.cube": ("convert", passport, out),
+    }.get(target, ("linearise", folder / "写真 0.jpg", "--response", passport, "--out", out))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # what is larger fails as on a full disk
     try:
-        done = run_command("calibrate", folder, "--out", out)
+        done = run_command(*arguments)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         WORKER.close()  # one that started meanwhile has the same limit
     assert done.returncode == 2
-    assert "File too large" in done.stderr
+    assert re.search("File too large|no space in", done.stderr)
     assert "Traceback" not in done.stderr
-    assert all(path.stat().st_size <= 20_000 and not path.name.startswith(".") for path in out.iterdir())
+    assert target == "out" or not out.exists()
+    left = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert all(path.stat().st_size <= 20_000 and not path.name.startswith(".") for path in left)
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="the system lets this user write anywhere")

@@ -255,6 +255,39 @@ def test_a_wrong_file_stays_until_the_right_one_is_there(server, folder):
     assert path.read_bytes() == b"old"
 
 
+@pytest.mark.skipif(os.name == "nt", reason="limits of a process are set another way")
+def test_a_full_disk_is_told_and_what_is_complete_stays(server, folder):
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # what is larger fails as on a full disk
+    try:
+        said = refused("all")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "set/0.bin cannot be written (File too large)" in said
+    assert "dorf/a.mat" in files_in(folder)
+    assert not [name for name in files_in(folder) if name.startswith("set/")]
+    assert len(fetch("all", progress=False)) == len(CONTENT) + 2
+    assert len(files_in(folder)) == len(CONTENT) + 1
+
+
+def test_two_processes_fetch_the_same_files(server, folder, monkeypatch):
+    """The second begins and ends while the first has half a file."""
+    monkeypatch.setattr(fetch_module, "TIMEOUT", (20, 20))
+    server.faults["set/0.bin"] = "stalled"
+    slow = threading.Thread(target=fetch, args=("set",), kwargs={"progress": False})
+    slow.start()
+    assert server.half_sent.wait(20)
+    server.faults.clear()
+    fetch("set", progress=False)
+    server.go_on.set()
+    slow.join()
+    assert {path.name: path.read_bytes() for path in (folder / "set").iterdir()} == {
+        name.removeprefix("set/"): content for name, content in CONTENT.items() if name.startswith("set/")
+    }
+
+
 def test_a_folder_that_cannot_be_written(server, folder):
     folder.parent.mkdir(exist_ok=True)
     folder.write_text("a file, not a folder")

@@ -92,6 +92,23 @@ def test_a_full_disk_is_told_for_the_camera_that_met_it(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_other_processes_in_the_same_folder_are_left_alone(folders: list[Path], tmp_path: Path, monkeypatch) -> None:
+    """One was killed and left what it had begun, hidden; another is faster by as much as the writing takes."""
+    (tmp_path / ".bright-abc" / "complete").mkdir(parents=True)
+
+    def faster(_result: object, folder: Path) -> Iterator[Path]:
+        for written in (folder, tmp_path / "bright"):
+            written.mkdir(parents=True)
+            (written / "passport.json").write_text(written.name)
+        yield folder / "passport.json"
+
+    monkeypatch.setattr(many, "write_outputs", faster)
+    with ThreadPoolExecutor(1) as executor:
+        assert calibrated(folders[:1], tmp_path, executor=executor) == {"bright": ""}
+    assert (tmp_path / "bright" / "passport.json").read_text() == "bright"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".bright-abc", "bright"]
+
+
 def test_workers_that_cannot_start_are_told(folders: list[Path], tmp_path: Path) -> None:
     class Unable(ThreadPoolExecutor):
         def submit(self, *_arguments):

@@ -67,8 +67,11 @@ def _calibrate(folder: Path, out: Path, options: dict[str, Any]) -> str:
         with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as part:
             complete = Path(part) / "complete"
             list(write_outputs(result, complete))
-            if not out.exists():  # another process may have been faster
+            try:
                 complete.rename(out)
+            except OSError:
+                if not out.exists():  # else another process was faster
+                    raise
     except (CrfbenchError, OSError) as error:
         return str(error)
     return ""
