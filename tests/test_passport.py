@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from crfbench.camera import Passport, formats, read_response, write_response
@@ -78,6 +78,7 @@ passports = st.builds(
             "valid_range": st.tuples(st.floats(0.0, 0.4), st.floats(0.5, 1.0)),
             "created": st.dates().map(lambda day: day.isoformat()),
             "version": texts,
+            "white_level": st.sampled_from([255, 1023, 65535]),
         },
     ),
 )
@@ -88,6 +89,7 @@ def same(a: Passport, b: Passport) -> bool:
 
 
 @given(passports)
+@example(Passport("inverse", GRID, white_level=255))
 @settings(max_examples=50)
 def test_json_round_trip_is_exact(passport):
     assert same(decode("passport", FORMATS["passport"].write(passport)), passport)

@@ -25,7 +25,7 @@ from crfbench.camera.photographs import (
     plan_photographs,
     read_series,
 )
-from crfbench.camera.reading import Exif, read_exif, read_levels, read_raw
+from crfbench.camera.reading import Exif, read_balance, read_exif, read_levels, read_raw
 from crfbench.camera.worker import WORKER
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
@@ -202,6 +202,19 @@ def test_linear_and_monochrome_dng(tmp_path, channels, orientation):
     assert read_exif(tmp_path / "a.dng") == Exif(pytest.approx(0.01), pytest.approx(5.6), 100.0, "Mono")
 
 
+@pytest.mark.parametrize(("tells", "balance"), [(True, [2.0, 1.0, 1.5]), (False, [1.0, 1.0, 1.0])])
+def test_the_balance_is_the_cameras_or_none(tmp_path, monkeypatch, tells, balance):
+    tags = photographs._dng_tags
+
+    def with_or_without(*arguments):
+        return {tag: entry for tag, entry in tags(*arguments).items() if tells or tag != 50728}
+
+    monkeypatch.setattr(photographs, "_dng_tags", with_or_without)
+    preview = np.zeros((300, 400, 3), np.uint8)
+    photographs.write_raw(tmp_path / "a.dng", np.full((48, 64, 3), 0.5), preview, balance=(2.0, 1.0, 1.5))
+    np.testing.assert_allclose(read_balance(tmp_path / "a.dng"), balance, rtol=1e-4)
+
+
 @pytest.mark.parametrize("orientation", [5, 7])
 def test_a_mirrored_pair_agrees(tmp_path, orientation):
     scene = render_chart(GRID, 1, size=(96, 64))
@@ -328,6 +341,18 @@ def test_a_folder_is_in_natural_order_and_files_as_given(tmp_path):
     assert names_of(str(given[0])) == names_of(given[0]) == ["img9"]
     assert sorted(names_of(tmp_path.glob("*9.png"))) == ["img9"]
     assert len(read_series(tmp_path.glob("[Ii]*.png"))[2]) == 4, "each is damaged, and named"
+
+
+def test_raw_files_of_every_maker_are_photographs(tmp_path):
+    makers = """3FR FFF Hasselblad, ARI ARRI, ARW SR2 SRF Sony, BAY Casio, CR2 CR3 CRW Canon, DC2 DCR K25 KDC Kodak,
+        DNG anyone, ERF Epson, GPR GoPro, IIQ Phase_One, MDC MRW Minolta, MEF Mamiya, MOS Leaf, NEF NRW Nikon,
+        ORF Olympus, PEF Pentax, RAF Fujifilm, RAW RW2 Panasonic, RWL Leica, SRW Samsung, X3F Sigma"""
+    suffixes = [word for maker in makers.split(",") for word in maker.split()[:-1]]
+    for suffix in suffixes:
+        (tmp_path / f"photo {suffix}.{suffix}").touch()
+    pairs, problems = pair_photographs(tmp_path)
+    assert (len(pairs), problems) == (len(suffixes), [])
+    assert all(pair.raw == pair.jpeg for pair in pairs)
 
 
 def test_names_tell_photographs_apart(tmp_path):
