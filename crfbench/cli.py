@@ -100,7 +100,7 @@ def fitting(
 
     wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
     _print_tables(
-        fitting_tables(data, wanted),
+        fitting_tables(data, wanted, progress=True),
         as_json,
         wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"),
     )
@@ -131,7 +131,7 @@ def calibration(
 
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
     _print_tables(
-        {title: calibration_table(patches, method, channel, discrepancy=not alone)},
+        {title: calibration_table(patches, method, channel, discrepancy=not alone, progress=True)},
         as_json,
         wide
         or ("model", "mean", "coverage" if method == "posterior" else "separate", "by_paper", "paper_mean", "verdict"),
@@ -149,7 +149,7 @@ def stability(
     from crfbench.paper.stability import DEFINITION, stability_table
 
     _print_tables(
-        {DEFINITION: stability_table(camera, discrepancy=not alone)},
+        {DEFINITION: stability_table(camera, discrepancy=not alone, progress=True)},
         as_json,
         wide or ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper"),
     )
@@ -167,7 +167,7 @@ def chart_free(
 
     title = "RMSE against RAW of the other illumination, channel by channel, up to scale; four exposures of 24 patches"
     _print_tables(
-        {title: chart_free_table(method, discrepancy=not alone)},
+        {title: chart_free_table(method, discrepancy=not alone, progress=True)},
         as_json,
         wide or ("model", "mean", "median", "below_debevec", "below_robertson", "monotone", "seconds"),
     )

@@ -22,7 +22,7 @@ def recorded_fits(monkeypatch):
     """Let the command print rows that were recorded: fitting them all takes a minute and has tests of its own."""
     table = load_recorded("fitting_dorf")[0]
     monkeypatch.setattr(
-        fitting, "fitting_table", lambda responses, directions: table[table["direction"].isin(directions)]
+        fitting, "fitting_table", lambda responses, directions, progress: table[table["direction"].isin(directions)]
     )
 
 
