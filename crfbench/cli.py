@@ -128,13 +128,16 @@ def calibration(
 ) -> None:
     """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
     from crfbench.paper.calibration import calibration_table
+    from crfbench.paper.printed import CALIBRATION_COLUMNS
 
+    shown = ["mean", "coverage" if method == "posterior" else "separate", "by_paper"]
+    if method == "paper":
+        shown = list(CALIBRATION_COLUMNS)
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
     _print_tables(
         {title: calibration_table(patches, method, channel, discrepancy=not alone, progress=True)},
         as_json,
-        wide
-        or ("model", "mean", "coverage" if method == "posterior" else "separate", "by_paper", "paper_mean", "verdict"),
+        wide or ("model", *shown, "paper_mean", "verdict"),
     )
 
 
@@ -175,17 +178,17 @@ def chart_free(
 
 @app.command("paper", rich_help_panel=_PAPER)
 def where(wide: Wide = False, as_json: AsJson = False) -> None:
-    """Say where each figure, table, equation and claim of the paper is rebuilt: cell, function, command, file."""
+    """Say where each figure, table, equation and claim of the paper is rebuilt, and what we judge of it."""
     from crfbench.paper.places import paper_map
 
     table = paper_map()
-    claims = table["verdict"] != ""
-    parts = {"what the paper numbers, and what rebuilds it": table[~claims], "what it claims": table[claims]}
-    short = [("item", "cell", "command"), ("item", "what", "cell")]
-    for (title, part), columns in zip(parts.items(), short, strict=True):
-        _print_tables({title: table if as_json else part}, as_json, wide or columns)
-        if as_json:
-            return
+    if as_json or wide:
+        return _print_tables({"what the paper numbers, then what it claims": table}, as_json)
+    table = table.assign(notebook=table["cell"].str[0], see=table["judged"])
+    claims = table["verdict"].isin(list(_STYLES))
+    title = "what the paper numbers (see: section of the claims that judge it; notebook: its number; more with --wide)"
+    _print_tables({title: table[~claims]}, False, ("item", "verdict", "see", "notebook", "command"))
+    _print_tables({"what it claims": table[claims]}, False, ("item", "what", "verdict", "notebook"))
 
 
 @app.command(rich_help_panel=_PAPER)
