@@ -5,6 +5,7 @@ Claims on its data, search and networks stand in `crfbench.paper.claims_data`.
 
 from collections.abc import Iterator
 from decimal import Decimal
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -32,28 +33,8 @@ _STATISTICS = {
     "p95": "95th percentile of the RMSE",
     "seconds": "seconds for all cameras",
 }
-_WHY_FITTING = {
-    "SLR": "Our mean squared error is {mse}: the paper's number has the size of an MSE, not of an RMSE.",
-    "EMoR": "Projection on the published components. The paper names no direction: responses give its digits, inverse "
-    "responses {inverse}, so Table 1 is of responses.",
-    "below": "Ours are the best fits there are, so no parameters give the paper's smaller number as a mean RMSE (of "
-    "inverse responses it is {inverse}); cause not known.",
-    "above": "Ours are the best fits there are, so the paper's larger number is not that of the optimal parameters (of "
-    "inverse responses it is {inverse}).",
-}
-_WHY_LARGEST = (
-    "The paper's lies above our largest, which no resampling of 14 cameras exceeds, so ours has no upper bound; the "
-    "95th percentile of 14 lies between the two largest, and shares this."
-)
-#: Why cells of Table 3 differ, by the beginning of the model's name.
-_CAUSES = {
-    "SLR-ldl-1": "14 cameras with the printed mean and largest cannot have the printed s.d., which may be a slip.",
-    "SLR": "Cause not known; it may lie in the trained network, of which ours is another training.",
-    "Polynomial": "Our ten starts of the paper's search end far from its best: a thorough search of the same loss "
-    "(method lm) halves the mean RMSE.",
-    "GGCM": "Cause not known; ten random starts leave much to chance, and a thorough search (method lm) does better.",
-    "EMoR": "Cause not known; a search that stops early from a random start would give larger numbers.",
-}
+#: Why numbers of Tables 1 and 3 are as they are, by the table and the beginning of the model's name.
+_WHY: dict[str, str] = pd.read_csv(Path(__file__).with_name("causes.csv"), index_col="cell")["why"].to_dict()
 _WHY_PERCENT = "Judged by whether the 95 % bounds (bootstrap over cameras, paired) lie on one side of zero."
 
 
@@ -176,13 +157,19 @@ def outperforms(results: PaperResults) -> Claim:
     return Claim(ours=ours, verdict=in_words(is_least(_NO_DIFFERENCE, bounds)), why=why)
 
 
+def _paired(results: PaperResults, name: str, holds: bool = True) -> Claim:
+    """Judge whether SLR with LDL has the lower mean RMSE, and that what else the claim says `holds`."""
+    row = _accuracy(results).loc[name]
+    low, high = row["difference_low"], row["difference_high"]
+    judged = is_least(_NO_DIFFERENCE, [(low, high)]) if holds else False
+    spread = f"{low:+.3f} to {high:+.3f} (95 %, bootstrap)"
+    return Claim(ours=f"{row['difference']:+.3f}", spread=spread, verdict=in_words(judged))
+
+
 @claim("4.5", "LDL improves calibration over the baseline", how=_CALIBRATIONS)
 def ldl_helps(results: PaperResults) -> Claim:
-    row = _accuracy(results).loc["SLR-baseline-1"]
-    low, high = row["difference_low"], row["difference_high"]
     why = f"Baseline less LDL in mean RMSE; in the paper it is +0.013. {_WHY_PERCENT}"
-    ours, spread = f"{row['difference']:+.3f}", f"{low:+.3f} to {high:+.3f} (95 %, bootstrap)"
-    return Claim(ours=ours, spread=spread, verdict=in_words(is_least(_NO_DIFFERENCE, [(low, high)])), why=why)
+    return _paired(results, "SLR-baseline-1")._replace(why=why)
 
 
 @claim("4.2", "a difference in RMSE above this is significant", how=_CALIBRATIONS, printed="0.005")
@@ -197,13 +184,10 @@ def significant(results: PaperResults) -> Claim:
 
 @claim("4.5", "AUC calibrates faster than LDL but less accurately", how=_CALIBRATIONS)
 def auc_trades(results: PaperResults) -> Claim:
-    table = _accuracy(results)
-    row, ldl = table.loc["SLR-auc-1"], table.loc[_LDL]
-    low, high = row["difference_low"], row["difference_high"]
-    ours = f"{row['difference']:+.3f}, {row['seconds'] - ldl['seconds']:+.1f} s"
-    holds = is_least(_NO_DIFFERENCE, [(low, high)]) if row["seconds"] < ldl["seconds"] else False
+    more = results.calibration["seconds"]["SLR-auc-1"] - results.calibration["seconds"][_LDL]
+    found = _paired(results, "SLR-auc-1", holds=more < 0)
     why = f"AUC less LDL in mean RMSE, and in seconds. {_WHY_PERCENT}"
-    return Claim(ours=ours, spread=f"{low:+.3f} to {high:+.3f} (95 %, bootstrap)", verdict=in_words(holds), why=why)
+    return found._replace(ours=f"{found.ours}, {more:+.1f} s", why=why)
 
 
 def papers_impossible_spreads() -> list[str]:
@@ -294,8 +278,8 @@ def _table_1(results: PaperResults) -> Iterator[Claim]:
         fits, family = results.fits(), name.split("-")[0]
         row, inverse = fits.loc[name], fits["mean_rmse"][name.removesuffix("-forward")]
         ours = float(row["mean_rmse"])
-        kind = family if family in _WHY_FITTING else "below" if float(printed) < ours else "above"
-        why = _WHY_FITTING[kind].format(mse=scientific(float(row["mean_mse"])), inverse=scientific(inverse))
+        why = _WHY.get(f"Table 1, {family}") or _WHY[f"Table 1, {'below' if float(printed) < ours else 'above'}"]
+        why = why.format(mse=scientific(float(row["mean_mse"])), inverse=scientific(inverse))
         found = Claim(f"mean RMSE of {name}", "Table 1", printed, scientific(ours), spread.get(name, ""), _FITS)
         yield found._replace(verdict=verdict(ours, printed), why=why, group=f"Table 1, {family}")
 
@@ -324,10 +308,10 @@ def _table_3(results: PaperResults) -> Iterator[Claim]:
             ours = float(str(results.calibration.loc[name, column]))
             judge = _judge_seconds(figure, ours) if column == "seconds" else _judge_rmse(figure, ours, bounds[column])
             if judge.verdict == "differs" and column in ("max", "p95") and figure > bounds[column][1]:
-                judge = judge._replace(verdict="not comparable", why=_WHY_LARGEST)
+                judge = judge._replace(verdict="not comparable", why=_WHY["Table 3, largest"])
             if judge.verdict == "differs":
                 copied = "The paper prints its mean once more. " if column == "median" and figure == figures[0] else ""
-                cause = next(cause for start, cause in _CAUSES.items() if name.startswith(start))
+                cause = _WHY.get(f"Table 3, {name}") or _WHY[f"Table 3, {name.split('-')[0]}"]
                 judge = judge._replace(why=f"{judge.why} {copied}{cause}")
             what = f"{_STATISTICS[column]}, {name}"
             yield judge._replace(claim=what, where="Table 3", how=_CALIBRATIONS, group=f"Table 3, {name}")
