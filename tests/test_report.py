@@ -167,7 +167,8 @@ def test_the_page_of_the_map_links_to_cells_and_the_file_names_them(page):
     assert 'href="notebooks/5-dorf-fitting.html#cell-id=cell-05"' in body
     assert "5-dorf-fitting, cell <code>cell-05</code>" in page
     targets = re.findall(r'see <a href="#([^"]+)"', body)
-    assert targets and all(body.count(f'id="{target}"') == 1 for target in targets)
+    assert targets
+    assert all(body.count(f'id="{target}"') == 1 for target in targets)
     for row in paper_map().to_dict("records"):
         assert escaped(row["what"]) in body
         assert f"<code>{escaped(row['command'])}</code>" in page
