@@ -100,7 +100,7 @@ def fitting(
 
     wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
     _print_tables(
-        fitting_tables(data, wanted),
+        fitting_tables(data, wanted, progress=True),
         as_json,
         wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"),
     )
@@ -128,13 +128,16 @@ def calibration(
 ) -> None:
     """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
     from crfbench.paper.calibration import calibration_table
+    from crfbench.paper.printed import CALIBRATION_COLUMNS
 
+    shown = ["mean", "coverage" if method == "posterior" else "separate", "by_paper"]
+    if method == "paper":
+        shown = list(CALIBRATION_COLUMNS)
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
     _print_tables(
-        {title: calibration_table(patches, method, channel, discrepancy=not alone)},
+        {title: calibration_table(patches, method, channel, discrepancy=not alone, progress=True)},
         as_json,
-        wide
-        or ("model", "mean", "coverage" if method == "posterior" else "separate", "by_paper", "paper_mean", "verdict"),
+        wide or ("model", *shown, "paper_mean", "verdict"),
     )
 
 
@@ -149,7 +152,7 @@ def stability(
     from crfbench.paper.stability import DEFINITION, stability_table
 
     _print_tables(
-        {DEFINITION: stability_table(camera, discrepancy=not alone)},
+        {DEFINITION: stability_table(camera, discrepancy=not alone, progress=True)},
         as_json,
         wide or ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper"),
     )
@@ -167,7 +170,7 @@ def chart_free(
 
     title = "RMSE against RAW of the other illumination, channel by channel, up to scale; four exposures of 24 patches"
     _print_tables(
-        {title: chart_free_table(method, discrepancy=not alone)},
+        {title: chart_free_table(method, discrepancy=not alone, progress=True)},
         as_json,
         wide or ("model", "mean", "median", "below_debevec", "below_robertson", "monotone", "seconds"),
     )
@@ -175,17 +178,17 @@ def chart_free(
 
 @app.command("paper", rich_help_panel=_PAPER)
 def where(wide: Wide = False, as_json: AsJson = False) -> None:
-    """Say where each figure, table, equation and claim of the paper is rebuilt: cell, function, command, file."""
+    """Say where each figure, table, equation and claim of the paper is rebuilt, and what we judge of it."""
     from crfbench.paper.places import paper_map
 
     table = paper_map()
-    claims = table["verdict"] != ""
-    parts = {"what the paper numbers, and what rebuilds it": table[~claims], "what it claims": table[claims]}
-    short = [("item", "cell", "command"), ("item", "what", "cell")]
-    for (title, part), columns in zip(parts.items(), short, strict=True):
-        _print_tables({title: table if as_json else part}, as_json, wide or columns)
-        if as_json:
-            return
+    if as_json or wide:
+        return _print_tables({"what the paper numbers, then what it claims": table}, as_json)
+    table = table.assign(notebook=table["cell"].str[0], see=table["judged"])
+    claims = table["verdict"].isin(list(_STYLES))
+    title = "what the paper numbers (see: section of the claims that judge it; notebook: its number; more with --wide)"
+    _print_tables({title: table[~claims]}, False, ("item", "verdict", "see", "notebook", "command"))
+    _print_tables({"what it claims": table[claims]}, False, ("item", "what", "verdict", "notebook"))
 
 
 @app.command(rich_help_panel=_PAPER)
