@@ -12,6 +12,8 @@ lab: $(READY)
 # One thread each: the matrices are small, and threads that wait for a busy core cost more than they bring.
 test test-all test-quick coverage tables bench site: export OPENBLAS_NUM_THREADS = 1
 test test-all test-quick coverage: export OMP_NUM_THREADS = 1
+# Where this is set, every process that starts would compile tests and package anew.
+unexport PYTHONDONTWRITEBYTECODE
 # Notebooks and tests together, which keeps every core busy to the end; files in the order of their names.
 TESTS := --nbval -n auto --no-loadscope-reorder
 test: checks

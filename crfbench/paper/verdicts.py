@@ -20,10 +20,10 @@ RULES = {
     "holds": "a statement in words, of which our numbers say the same; “almost” or “around twice” is a ratio above "
     f"{TWICE}, “slightly worse” one below {SLIGHTLY}, and an estimate of 1 is right within {NEAR_ONE}",
     "does not hold": "a statement in words, of which our numbers, or the paper's own, say otherwise",
-    "undecided": "a statement in words, of which our numbers say both: their ranges overlap, or it depends on the "
-    "measure",
+    "undecided": "a statement in words, of which our numbers say both: their ranges over seeds or their 95 % bounds "
+    "over cameras overlap, or it depends on the measure",
     "not comparable": "the paper's number depends on its computer, cannot be recomputed from what is published, or is "
-    "a largest RMSE above ours, whose spread a bootstrap cannot tell",
+    "a largest RMSE or 95th percentile above our largest, whose spread a bootstrap cannot tell",
 }
 
 
