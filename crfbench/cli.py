@@ -28,10 +28,6 @@ app = typer.Typer(
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
 app.add_typer(table_app, name="table", rich_help_panel=_PAPER)
 
-_STYLES = {
-    "reproduced": "green", "holds": "green", "differs": "red", "does not hold": "red", "undecided": "yellow",
-    "not comparable": "dim",
-}  # fmt: skip
 #: Models that had another name before one spelling held everywhere; these names work for one release more.
 FORMER_NAMES = {
     "slr": "SLR-ldl-3",
@@ -180,12 +176,13 @@ def chart_free(
 def where(wide: Wide = False, as_json: AsJson = False) -> None:
     """Say where each figure, table, equation and claim of the paper is rebuilt, and what we judge of it."""
     from crfbench.paper.places import paper_map
+    from crfbench.paper.verdicts import RULES
 
     table = paper_map()
     if as_json or wide:
         return _print_tables({"what the paper numbers, then what it claims": table}, as_json)
     table = table.assign(notebook=table["cell"].str[0], see=table["judged"])
-    claims = table["verdict"].isin(list(_STYLES))
+    claims = table["verdict"].isin(list(RULES))
     title = "what the paper numbers (see: section of the claims that judge it; notebook: its number; more with --wide)"
     _print_tables({title: table[~claims]}, False, ("item", "verdict", "see", "notebook", "command"))
     _print_tables({"what it claims": table[claims]}, False, ("item", "what", "verdict", "notebook"))
@@ -394,6 +391,7 @@ def _print_tables(
     As text with the given columns, True for all; those of which nothing is known are left out.
     """
     from crfbench.paper.results import to_rows
+    from crfbench.paper.verdicts import COLOURS
 
     if as_json:
         typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
@@ -416,7 +414,7 @@ def _print_tables(
             phrases = text and shown[name].str.contains(" ").any()
             printed.add_column(name, justify="left" if text else "right", no_wrap=not phrases)
         for row in shown.apply(_aligned).astype(str).itertuples(index=False, name=None):
-            printed.add_row(*(Text(cell, _STYLES.get(cell, "")) for cell in row))
+            printed.add_row(*(Text(cell, COLOURS.get(cell, "")) for cell in row))
         console.print(printed)
         typer.echo()
 

@@ -33,8 +33,8 @@ def paper_map(results: PaperResults | None = None) -> pd.DataFrame:
 
 
 def _state(item: str, cells: "pd.Series[str]") -> str:
-    if len(cells):
-        return f"{(cells == 'reproduced').sum()} of {len(cells)} reproduced"
+    if len(judged := cells[cells != "not comparable"]):
+        return f"{(judged == 'reproduced').sum()} of {len(judged)} reproduced"
     return "drawn" if item.startswith("Figure") else "rebuilt"
 
 

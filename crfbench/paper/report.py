@@ -17,21 +17,12 @@ from crfbench.paper.figures import PAPER_FIGURES, captions, picture
 from crfbench.paper.findings import does_not_follow, holds, summary
 from crfbench.paper.places import located, paper_map
 from crfbench.paper.results import LEADERBOARD, PaperResults, leaderboard, load_results
-from crfbench.paper.verdicts import RULES
+from crfbench.paper.verdicts import MARKS, RULES
 from crfbench.widgets import LatentExplorer, SortableTable
 from crfbench.widgets.assets import join
 from crfbench.widgets.page import document, island
 
 TITLE = "One latent number for a camera response: a paper rebuilt and checked"
-#: A sign and a class of each verdict, which tell it without colour.
-_MARKS = {
-    "reproduced": ("✓", "yes"),
-    "holds": ("✓", "yes"),
-    "differs": ("✗", "no"),
-    "does not hold": ("✗", "no"),
-    "undecided": ("?", "none"),
-    "not comparable": ("–", "none"),
-}
 #: What stands for matplotlib's colours in a page, which may be dark: there the palette is lighter.
 _PAGE_COLOURS = {
     "#000000": "currentColor",
@@ -101,7 +92,7 @@ def _rendered(template: str, **content: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(f"{template}.html.jinja").render(content, marks=_MARKS)
+    return environment.get_template(f"{template}.html.jinja").render(content, marks=MARKS)
 
 
 def sortable_leaderboard() -> SortableTable:
