@@ -196,8 +196,8 @@ def baseline_constrictive(results: PaperResults) -> Claim:
     own = results.trainings.query("constraint == 'baseline'")["sd"]
     holds = is_least((own.min(), own.max()), [(1.0, 1.0)])
     why = (
-        "Read as narrow, by the s.d. of the latents, which is 1 in the objective. Nothing bounds it, and over the "
-        "epochs it grows from a narrow start; the paper has a picture and no number."
+        "Read as narrow, by the s.d. of the latents, which is 1 in the objective. It starts narrow and grows over the "
+        "epochs; first weights and step size decide how far, and the paper gives neither, but a picture."
     )
     spread = _range(results, "sd", "baseline")
     return Claim(ours=f"s.d. {own.mean():.1f}", spread=spread, verdict=in_words(holds), why=why)
