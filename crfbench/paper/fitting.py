@@ -11,7 +11,7 @@ from tqdm.auto import tqdm
 from crfbench.curves import Array, Direction
 from crfbench.datasets import Responses, load_emor_basis, load_responses, registry
 from crfbench.datasets.responses import group_labels, grouped_folds
-from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
+from crfbench.metrics import mse, nonmonotone, out_of_range, rmse, summarise
 from crfbench.models import SLR, EMoR, ResponseModel, load_model
 from crfbench.models.base import ClosedForm
 from crfbench.models.registry import MODELS, ModelKey, pretrained_models
@@ -97,12 +97,9 @@ def papers_rising_rows() -> list[str]:
 
 def figures(decoded: Array, curves: Array) -> dict[str, float]:
     """Return the columns of a fitting table that judge decoded curves (n, 1024) against the measured ones."""
-    distance = rmse(decoded, curves)
+    distance = summarise(rmse(decoded, curves))
     return {
-        "mean_rmse": float(distance.mean()),
-        "median_rmse": float(np.median(distance)),
-        "p95_rmse": float(np.percentile(distance, 95)),
-        "max_rmse": float(distance.max()),
+        **{f"{name}_rmse": distance[name] for name in ("mean", "median", "p95", "max")},
         "mean_mse": float(mse(decoded, curves).mean()),
         "nonmonotone": float(nonmonotone(decoded).mean()),
         "out_of_range": float(out_of_range(decoded).mean()),
