@@ -95,11 +95,8 @@ def fitting(
     from crfbench.paper.fitting import DIRECTIONS, fitting_tables
 
     wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
-    _print_tables(
-        fitting_tables(data, wanted, progress=True),
-        as_json,
-        wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"),
-    )
+    found = fitting_tables(data, wanted, progress=True)
+    _print_tables(found, as_json, wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"))
 
 
 @table_app.command()
@@ -108,9 +105,8 @@ def latents(wide: Wide = False, as_json: AsJson = False) -> None:
     from crfbench.paper.results import latent_table
 
     title = "latents of the training curves, bundled models; best_...: with the best latent of each curve"
-    _print_tables(
-        {title: latent_table()}, as_json, wide or ("model", "mean", "sd", "kl", "ks", "best_rmse", "encoder_mse")
-    )
+    shown = ("model", "mean", "sd", "kl", "ks", "best_rmse", "encoder_mse")
+    _print_tables({title: latent_table()}, as_json, wide or shown)
 
 
 @table_app.command()
@@ -130,11 +126,8 @@ def calibration(
     if method == "paper":
         shown = list(CALIBRATION_COLUMNS)
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
-    _print_tables(
-        {title: calibration_table(patches, method, channel, discrepancy=not alone, progress=True)},
-        as_json,
-        wide or ("model", *shown, "paper_mean", "verdict"),
-    )
+    table = calibration_table(patches, method, channel, discrepancy=not alone, progress=True)
+    _print_tables({title: table}, as_json, wide or ("model", *shown, "paper_mean", "verdict"))
 
 
 @table_app.command()
@@ -147,11 +140,9 @@ def stability(
     """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart."""
     from crfbench.paper.stability import DEFINITION, stability_table
 
-    _print_tables(
-        {DEFINITION: stability_table(camera, discrepancy=not alone, progress=True)},
-        as_json,
-        wide or ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper"),
-    )
+    shown = ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper")
+    table = stability_table(camera, discrepancy=not alone, progress=True)
+    _print_tables({DEFINITION: table}, as_json, wide or shown)
 
 
 @table_app.command("chart-free")
@@ -165,11 +156,8 @@ def chart_free(
     from crfbench.paper.calibration import chart_free_table
 
     title = "RMSE against RAW of the other illumination, channel by channel, up to scale; four exposures of 24 patches"
-    _print_tables(
-        {title: chart_free_table(method, discrepancy=not alone, progress=True)},
-        as_json,
-        wide or ("model", "mean", "median", "below_debevec", "below_robertson", "monotone", "seconds"),
-    )
+    shown = ("model", "mean", "median", "below_debevec", "below_robertson", "monotone", "seconds")
+    _print_tables({title: chart_free_table(method, discrepancy=not alone, progress=True)}, as_json, wide or shown)
 
 
 @app.command("paper", rich_help_panel=_PAPER)
