@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crfbench.calibration import Calibration, Noise, Observations, calibrate
+from crfbench.calibration import Calibration, Noise, Observations, calibrate, decode_table
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.reading import read_levels, reduced
 from crfbench.checks import as_numbers, check_count, check_seed, refuse_masked
@@ -183,8 +183,8 @@ def calibrate_series(
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
-    fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed)
-    weighted = partial(_weighted, observations, _independent(fit(observations, method)))
+    fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed, table=decode_table(model, seed=seed))
+    weighted = partial(_weighted, observations, _independent(fit(observations, "map")))
     found, still = fit(weighted(), method), np.ones(observations.brightness.shape, dtype=bool)
     for _ in range(_ROUNDS):
         rest = still & ~_moved(found)
