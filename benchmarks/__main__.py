@@ -26,7 +26,7 @@ SUBJECTS = (
     "slider",
     "accuracy",
 )
-GROWING = ("fitting", "search", "calibration")
+GROWING = ("fitting", "search", "calibration", "series", "linearise")
 
 
 def collect(subjects: Sequence[str] = SUBJECTS) -> Iterator[Row]:

@@ -28,10 +28,6 @@ app = typer.Typer(
 table_app = typer.Typer(no_args_is_help=True, help="Print a table of the paper, computed here.")
 app.add_typer(table_app, name="table", rich_help_panel=_PAPER)
 
-_STYLES = {
-    "reproduced": "green", "holds": "green", "differs": "red", "does not hold": "red", "undecided": "yellow",
-    "not comparable": "dim",
-}  # fmt: skip
 #: Models that had another name before one spelling held everywhere; these names work for one release more.
 FORMER_NAMES = {
     "slr": "SLR-ldl-3",
@@ -99,11 +95,8 @@ def fitting(
     from crfbench.paper.fitting import DIRECTIONS, fitting_tables
 
     wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
-    _print_tables(
-        fitting_tables(data, wanted),
-        as_json,
-        wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"),
-    )
+    found = fitting_tables(data, wanted, progress=True)
+    _print_tables(found, as_json, wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"))
 
 
 @table_app.command()
@@ -112,9 +105,8 @@ def latents(wide: Wide = False, as_json: AsJson = False) -> None:
     from crfbench.paper.results import latent_table
 
     title = "latents of the training curves, bundled models; best_...: with the best latent of each curve"
-    _print_tables(
-        {title: latent_table()}, as_json, wide or ("model", "mean", "sd", "kl", "ks", "best_rmse", "encoder_mse")
-    )
+    shown = ("model", "mean", "sd", "kl", "ks", "best_rmse", "encoder_mse")
+    _print_tables({title: latent_table()}, as_json, wide or shown)
 
 
 @table_app.command()
@@ -128,14 +120,14 @@ def calibration(
 ) -> None:
     """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
     from crfbench.paper.calibration import calibration_table
+    from crfbench.paper.printed import CALIBRATION_COLUMNS
 
+    shown = ["mean", "coverage" if method == "posterior" else "separate", "by_paper"]
+    if method == "paper":
+        shown = list(CALIBRATION_COLUMNS)
     title = f"RMSE against RAW of the other illumination, {patches} patches, {channel}, method {method}"
-    _print_tables(
-        {title: calibration_table(patches, method, channel, discrepancy=not alone)},
-        as_json,
-        wide
-        or ("model", "mean", "coverage" if method == "posterior" else "separate", "by_paper", "paper_mean", "verdict"),
-    )
+    table = calibration_table(patches, method, channel, discrepancy=not alone, progress=True)
+    _print_tables({title: table}, as_json, wide or ("model", *shown, "paper_mean", "verdict"))
 
 
 @table_app.command()
@@ -148,11 +140,9 @@ def stability(
     """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart."""
     from crfbench.paper.stability import DEFINITION, stability_table
 
-    _print_tables(
-        {DEFINITION: stability_table(camera, discrepancy=not alone)},
-        as_json,
-        wide or ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper"),
-    )
+    shown = ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper")
+    table = stability_table(camera, discrepancy=not alone, progress=True)
+    _print_tables({DEFINITION: table}, as_json, wide or shown)
 
 
 @table_app.command("chart-free")
@@ -166,26 +156,24 @@ def chart_free(
     from crfbench.paper.calibration import chart_free_table
 
     title = "RMSE against RAW of the other illumination, channel by channel, up to scale; four exposures of 24 patches"
-    _print_tables(
-        {title: chart_free_table(method, discrepancy=not alone)},
-        as_json,
-        wide or ("model", "mean", "median", "below_debevec", "below_robertson", "monotone", "seconds"),
-    )
+    shown = ("model", "mean", "median", "below_debevec", "below_robertson", "monotone", "seconds")
+    _print_tables({title: chart_free_table(method, discrepancy=not alone, progress=True)}, as_json, wide or shown)
 
 
 @app.command("paper", rich_help_panel=_PAPER)
 def where(wide: Wide = False, as_json: AsJson = False) -> None:
-    """Say where each figure, table, equation and claim of the paper is rebuilt: cell, function, command, file."""
+    """Say where each figure, table, equation and claim of the paper is rebuilt, and what we judge of it."""
     from crfbench.paper.places import paper_map
+    from crfbench.paper.verdicts import RULES
 
     table = paper_map()
-    claims = table["verdict"] != ""
-    parts = {"what the paper numbers, and what rebuilds it": table[~claims], "what it claims": table[claims]}
-    short = [("item", "cell", "command"), ("item", "what", "cell")]
-    for (title, part), columns in zip(parts.items(), short, strict=True):
-        _print_tables({title: table if as_json else part}, as_json, wide or columns)
-        if as_json:
-            return
+    if as_json or wide:
+        return _print_tables({"what the paper numbers, then what it claims": table}, as_json)
+    table = table.assign(notebook=table["cell"].str[0], see=table["judged"])
+    claims = table["verdict"].isin(list(RULES))
+    title = "what the paper numbers (see: section of the claims that judge it; notebook: its number; more with --wide)"
+    _print_tables({title: table[~claims]}, False, ("item", "verdict", "see", "notebook", "command"))
+    _print_tables({"what it claims": table[claims]}, False, ("item", "what", "verdict", "notebook"))
 
 
 @app.command(rich_help_panel=_PAPER)
@@ -391,6 +379,7 @@ def _print_tables(
     As text with the given columns, True for all; those of which nothing is known are left out.
     """
     from crfbench.paper.results import to_rows
+    from crfbench.paper.verdicts import COLOURS
 
     if as_json:
         typer.echo(json.dumps(to_rows(next(iter(tables.values()))), indent=1))
@@ -413,7 +402,7 @@ def _print_tables(
             phrases = text and shown[name].str.contains(" ").any()
             printed.add_column(name, justify="left" if text else "right", no_wrap=not phrases)
         for row in shown.apply(_aligned).astype(str).itertuples(index=False, name=None):
-            printed.add_row(*(Text(cell, _STYLES.get(cell, "")) for cell in row))
+            printed.add_row(*(Text(cell, COLOURS.get(cell, "")) for cell in row))
         console.print(printed)
         typer.echo()
 

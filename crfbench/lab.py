@@ -4,12 +4,16 @@ import os
 import shutil
 from importlib.metadata import requires, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from packaging.requirements import Requirement
 
 from crfbench.datasets import registry
 from crfbench.files import bundled
+
+if TYPE_CHECKING:
+    from IPython.display import HTML
 
 START = "0-start-here.ipynb"
 
@@ -28,6 +32,15 @@ def environment_table() -> pd.DataFrame:
             here = version(requirement.name)
             rows.append((requirement.name, str(requirement.specifier), here, requirement.specifier.contains(here)))
     return pd.DataFrame(rows, columns=["package", "wanted", "here", "fits"])
+
+
+def show(table: pd.DataFrame) -> "HTML":
+    """Return a table of words for a notebook: on the left of their columns, without row numbers."""
+    from IPython.display import HTML
+    from pandas.io.formats.style import Styler
+
+    left = [{"selector": "th, td", "props": "text-align: left"}]
+    return HTML(Styler(table, uuid="words", cell_ids=False).hide().set_table_styles(left).to_html())
 
 
 def copy_notebooks(folder: Path) -> list[Path]:

@@ -11,7 +11,7 @@ from crfbench.errors import InputError
 from crfbench.models import load_model
 from crfbench.paper import calibration, stability
 from crfbench.paper.printed import CALIBRATION, SIGNIFICANT_RMSE
-from crfbench.paper.results import load_results
+from crfbench.paper.results import BAR, load_results
 
 LDL, EMOR = "SLR-ldl-1", "EMoR-3"
 
@@ -123,6 +123,16 @@ def test_the_papers_method_is_judged_by_its_own_difference():
     assert row["paper_mean"] == CALIBRATION["Gamma-1"][0]
     near = abs(row["mean"] - row["paper_mean"]) <= SIGNIFICANT_RMSE or row["low"] <= row["paper_mean"] <= row["high"]
     assert row["verdict"] == ("reproduced" if near else "differs")
+
+
+def test_a_table_that_takes_long_tells_the_time_left_and_a_quick_one_nothing(monkeypatch, capfd):
+    for delay, told in ((600, False), (0, True)):
+        monkeypatch.setitem(BAR, "delay", delay)
+        calibration.calibration_table("24", "map", rows=("Gamma-1",), progress=True)
+        out, err = capfd.readouterr()
+        assert (out, " left]" in err) == ("", told)
+    calibration.calibration_table("24", "map", rows=("Gamma-1",))
+    assert capfd.readouterr().err == ""
 
 
 def test_the_paper_has_no_figure_of_24_patches():

@@ -11,8 +11,9 @@ import pytest
 import crfbench
 from crfbench import camera, cli, lab
 from crfbench.models import ModelKey, load_model
-from crfbench.paper import figures, fitting, stability
+from crfbench.paper import calibration, figures, fitting, stability
 from crfbench.paper.fitting import COLUMNS
+from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS
 from crfbench.paper.results import load_recorded
 from tests.support.command import run_command
 
@@ -22,7 +23,7 @@ def recorded_fits(monkeypatch):
     """Let the command print rows that were recorded: fitting them all takes a minute and has tests of its own."""
     table = load_recorded("fitting_dorf")[0]
     monkeypatch.setattr(
-        fitting, "fitting_table", lambda responses, directions: table[table["direction"].isin(directions)]
+        fitting, "fitting_table", lambda responses, directions, progress: table[table["direction"].isin(directions)]
     )
 
 
@@ -63,6 +64,16 @@ def test_a_table_fits_80_columns_and_wide_has_them_all(recorded_fits, which):
     row, full = (next(line.split() for line in lines if "SLR-ldl-1-forward" in line) for lines in (short, whole))
     assert len(row) == len(names)
     assert len(full) == len(every)
+
+
+def test_the_papers_method_gives_table_3_with_all_its_rows_and_columns(monkeypatch):
+    recorded = load_recorded("calibration_paper")[0].query("patches == 3 or patches == '3'")
+    monkeypatch.setattr(calibration, "calibration_table", lambda *_, **__: recorded)
+    lines = run_command("table", "calibration", "--method", "paper").stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    heading = next(line.split() for line in lines if line.startswith("model "))
+    assert heading == ["model", *CALIBRATION_COLUMNS, "paper_mean", "verdict"]
+    assert [line.split()[0] for line in lines if line.startswith(tuple(CALIBRATION))] == list(CALIBRATION)
 
 
 def test_numbers_of_a_column_are_aligned_and_none_is_lost(capsys):
@@ -106,9 +117,9 @@ def test_the_map_fits_80_columns_and_says_all_when_wide_or_json():
     assert max(map(len, short.splitlines())) <= 80
     rows = json.loads(run_command("paper", "--json").stdout)
     for row in rows:
-        assert row["cell"] in short
+        assert " ".join(row["verdict"].split()[:2]) in short
         assert all(text in wide for text in row.values())
-    assert set(rows[0]) == {"item", "what", "function", "cell", "command", "recorded", "figure", "verdict"}
+    assert set(rows[0]) == {"item", "what", "function", "cell", "command", "recorded", "figure", "judged", "verdict"}
 
 
 def test_help_lists_commands_by_use_and_h_asks_for_it():

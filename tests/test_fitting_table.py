@@ -10,7 +10,7 @@ from crfbench.errors import FormatError, MissingDataError
 from crfbench.metrics import rmse
 from crfbench.models import EMoR
 from crfbench.paper.fitting import COLUMNS, display_table, fitting_table, papers_rising_rows
-from crfbench.paper.results import load_recorded, record, to_rows
+from crfbench.paper.results import BAR, load_recorded, record, to_rows
 
 KEYS = {"model", "n_params", "direction", "split"}
 FIGURES = ["mean_rmse", "median_rmse", "p95_rmse", "max_rmse", "mean_mse"]
@@ -79,9 +79,11 @@ def test_what_learns_is_worse_held_out_and_what_does_not_is_the_same(table):
     assert (wide["grouped-5fold"] == wide["in-sample"])[~learns].all()
 
 
-def test_directions_can_be_chosen(opencrf):
+def test_directions_can_be_chosen_and_the_time_left_is_told(opencrf, monkeypatch, capfd):
+    monkeypatch.setitem(BAR, "delay", 0)
     few = opencrf.select(range(0, len(opencrf), 2))
-    assert set(fitting_table(few, ["inverse"])["direction"]) == {"inverse"}
+    assert set(fitting_table(few, ["inverse"], progress=True)["direction"]) == {"inverse"}
+    assert " left]" in capfd.readouterr().err
 
 
 def test_display_is_rounded_and_without_times(table):

@@ -10,9 +10,10 @@ import pytest
 import typer
 
 from crfbench import cli
-from crfbench.paper.claims import claims_table
+from crfbench.paper.claims import claims_table, verdict_counts
 from crfbench.paper.figures import PAPER_FIGURES
 from crfbench.paper.places import claims_by_verdict, paper_map
+from crfbench.paper.verdicts import RULES
 
 ROOT = Path(__file__).parent.parent
 
@@ -30,9 +31,21 @@ def test_everything_of_the_paper_has_a_row(places):
         assert name in items
     claims = claims_table()
     claims = claims[~claims["where"].isin(["Table 1", "Table 2", "Table 3"])]
-    found = places[places["verdict"] != ""]
+    found = places[places["verdict"].isin(list(RULES))]
     assert sorted(found["what"]) == sorted(claims["claim"] + (": " + claims["paper"]).where(claims["paper"] != "", ""))
-    assert (places[["item", "what", "function", "cell", "command"]] != "").all(axis=None)
+    assert (places[["item", "what", "function", "cell", "command", "verdict"]] != "").all(axis=None)
+
+
+def test_what_is_numbered_says_what_became_of_it_and_where_it_is_judged(places):
+    numbered = places[~places["verdict"].isin(list(RULES))].set_index("item")
+    assert set(numbered["verdict"][numbered.index.str.startswith("Figure")]) == {"drawn"}
+    assert set(numbered["verdict"][numbered.index.str.contains("Equation|Algorithm")]) == {"rebuilt"}
+    counts = verdict_counts(claims_table())
+    for name in ("Table 1", "Table 2", "Table 3"):
+        row = counts.loc[name]
+        assert numbered["verdict"][name] == f"{row['reproduced']} of {row.drop('not comparable').sum()} reproduced"
+    sections = " ".join(places["item"][places["verdict"].isin(list(RULES))])
+    assert all(f"section {section}" in sections for section in numbered["judged"] if section)
 
 
 def test_every_cell_exists(places):

@@ -50,6 +50,21 @@ def test_recovers_known_responses(row):
     assert ((truth >= low[0]) & (truth <= high[0])).mean() > 0.5
 
 
+@pytest.mark.parametrize("name", ["Agfa Vista 100 R", "Fuji Pro 400H R", "Protune", "Gamma 2.6"])
+def test_many_clean_blocks_outweigh_the_prior_and_the_same_errors_over_and_over_do_not(name):
+    responses = load_opencrf()
+    truth = invert(responses.curves[list(responses.names).index(name)])
+    series = render_series(invert(truth), 1, size=(480, 320))
+    bent = [np.clip(image + np.rint(4 * np.sin(image / 9.0)), 0, 255).astype(np.uint8) for image in series.images]
+    (clean, width), (wrong, wide) = (
+        (scaled_rmse(found.curves[0], truth), np.mean(found.bands[0.9][1] - found.bands[0.9][0]))
+        for found in (calibrate_series(images, series.stops) for images in (series.images, bent))
+    )
+    assert clean < 0.0025
+    assert width < 0.5 * wide
+    assert wrong < wide
+
+
 @pytest.mark.parametrize("latent", [-0.8, 0.6])
 @pytest.mark.parametrize("method", ["posterior", "map"])
 def test_a_model_recovers_its_own_curves(latent, method):

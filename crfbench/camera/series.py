@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from crfbench.calibration import Calibration, Noise, Observations, calibrate
+from crfbench.calibration import Calibration, Noise, Observations, calibrate, decode_table
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.reading import read_levels, reduced
 from crfbench.checks import as_numbers, check_count, check_seed, refuse_masked
@@ -30,8 +30,9 @@ _MOST_BLOCKS = 2**16  # of a channel that are looked at, evenly over the photogr
 _MOST_CELLS = 2**15  # blocks times photographs of a set; a calibration needs memory for 60 numbers each
 _STRATA = 32  # of equal width in brightness
 _FLATTEST = 0.25  # share of a stratum that is drawn from
-# Of many blocks, neighbours in brightness repeat how a curve is missed.
-_VALUES = 32.0
+# Of the blocks of each photograph at least so many values count, however much neighbours in brightness repeat how a
+# curve is missed; how much they do is sought among so many, until they are this little alike; far off are some medians.
+_VALUES, _LAGS, _ALIKE, _OUTLIER = 32.0, 64, 0.05, 6.0
 # Blocks are means of many pixels; in the dark, whole levels and stray light count for more than noise.
 _READING, _FINE = 0.005, 0.1
 # Of the black floor: pixels that are looked at, stops to the next longer exposure, levels of 255 that may be floor and
@@ -182,20 +183,21 @@ def calibrate_series(
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
-    fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed)
-    found, still = fit(_weighted(observations), method), np.ones(observations.brightness.shape, dtype=bool)
+    fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed, table=decode_table(model, seed=seed))
+    weighted = partial(_weighted, observations, _independent(fit(observations, "map")))
+    found, still = fit(weighted(), method), np.ones(observations.brightness.shape, dtype=bool)
     for _ in range(_ROUNDS):
         rest = still & ~_moved(found)
         left = rest[:, 0].mean(axis=1)
         if (still[:, 0].mean() - left.mean()) < _FEW or left.min() < _LEFT:
             break
         still = rest
-        found = fit(_weighted(observations, still), method)
+        found = fit(weighted(still), method)
     floor = black_floor(images, exposures, found.curves)
     if floor.any():
         light = still & (observations.brightness > floor[:, None, None])
         # What lies below the floor has irradiance 0, up to what its band says.
-        found, below = fit(_weighted(observations, light), method), floor[:, None] > GRID
+        found, below = fit(weighted(light), method), floor[:, None] > GRID
         bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
         found = replace(found, curves=np.where(below, 0.0, found.curves), bands=bands)
         text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
@@ -278,12 +280,31 @@ def _told(found: Calibration, sentences: Sequence[str]) -> Calibration:
     return replace(found, warnings=tuple((*old, text) if text else old for old, text in pairs))
 
 
-def _weighted(observations: Observations, light: NDArray[np.bool_] | bool = True) -> Observations:
-    """Leave out what is no light, and let each photograph but one tell no more than `_VALUES` values of each set."""
-    o, counts = observations, observations.counts
+def _independent(found: Calibration) -> Array:
+    """Return the share of the blocks that tell something of their own, (n,), by the autocorrelation of their residuals.
+
+    It is 1 over the sum of the autocorrelations along brightness, from the first lag at which they are near 0 as in
+    Geyer 1992, "Practical Markov chain Monte Carlo", doi:10.1214/ss/1177011137.
+    """
+    counts = found.observations.counts
+    order = np.argsort(np.where(counts, found.observations.brightness, np.inf), axis=2, kind="stable")
+    counts, off = (np.take_along_axis(each, order, axis=2) for each in (counts, np.where(counts, found.residuals, 0.0)))
+    far = _OUTLIER * np.ma.median(np.ma.array(np.abs(off), mask=~counts).reshape(len(off), -1), axis=1).filled(0.0)
+    off = np.clip(off, -far[:, None, None], far[:, None, None])
+    lags = range(min(_LAGS, off.shape[2]))
+    products = [(off[..., : off.shape[2] - lag] * off[..., lag:]).sum(axis=(1, 2)) for lag in lags]
+    pairs = [(counts[..., : off.shape[2] - lag] & counts[..., lag:]).sum(axis=(1, 2)) for lag in lags]
+    alike = np.array(products) / np.maximum(np.array(pairs), 1)
+    alike /= np.maximum(alike[0], 1e-30)
+    return 1.0 / np.maximum(1.0, 2.0 * np.sum(alike * np.logical_and.accumulate(alike > _ALIKE), axis=0) - 1.0)
+
+
+def _weighted(observations: Observations, share: Array, light: NDArray[np.bool_] | bool = True) -> Observations:
+    """Leave out what is no light, and let a share of each set (n,) count, but `_VALUES` of each photograph at least."""
+    counts = observations.counts
     free = counts.sum(axis=(1, 2)) - counts.any(axis=1).sum(axis=1)
-    share = np.minimum(1.0, _VALUES * (counts.shape[1] - 1) / np.maximum(free, 1))
-    return o.weighed(light * share[:, None, None])
+    least = _VALUES * (counts.shape[1] - 1) / np.maximum(free, 1)
+    return observations.weighed(light * np.minimum(1.0, np.maximum(share, least))[:, None, None])
 
 
 def sample_series(

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from scipy.optimize import isotonic_regression
+from tqdm.auto import tqdm
 
 from crfbench.calibration import METHODS, Calibration, Noise, Observations, calibrate
 from crfbench.calibration.observations import REFERENCE_ERROR, colour_spread
@@ -29,7 +30,7 @@ from crfbench.metrics import nonmonotone, rmse, statistics, summarise
 from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL, ModelKey
 from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
-from crfbench.paper.results import load_recorded
+from crfbench.paper.results import BAR, load_recorded
 from crfbench.paper.verdicts import verdict
 
 COLUMNS = (
@@ -54,6 +55,7 @@ def calibration_table(
     rows: Sequence[str | ModelKey] = ROWS,
     discrepancy: bool = True,
     seed: int = 0,
+    progress: bool = False,
 ) -> pd.DataFrame:
     """Calibrate every camera on one illumination, test on the other, both ways, with every model.
 
@@ -71,6 +73,8 @@ def calibration_table(
         Whether "map" and "posterior" allow for what the model misses; the paper's method never does.
     seed : int
         Of the triples, of the random starts and of the bootstrap.
+    progress : bool
+        Whether to show a bar with the time left.
 
     Returns
     -------
@@ -92,7 +96,8 @@ def calibration_table(
     check_choice("channel", channel, CHANNELS)
     chart, subsets = patch_arrays(load_patches()), _subsets(patches, check_seed(seed))
     fit = partial(calibrate, method=method, discrepancy=discrepancy, seed=seed)
-    found = [(name, method, *_calibrated(name, chart, subsets, channel, fit)) for name in map(str, rows)]
+    shown = tqdm(list(map(str, rows)), desc="models", disable=not progress, **BAR)
+    found = [(name, method, *_calibrated(name, chart, subsets, channel, fit)) for name in shown]
     found += [(name, "floor", cameras, {}) for name, cameras in _floors(chart, channel)]
     recorded = load_recorded("calibration_paper")[0].astype({"patches": str})
     first, table = found[0][2], []
@@ -268,7 +273,7 @@ _LEVELS = 256
 _SIDE = 8  # pixels of a patch in the pictures made for OpenCV, along each side
 
 
-def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.DataFrame:
+def chart_free_table(method: str = "posterior", discrepancy: bool = True, progress: bool = False) -> pd.DataFrame:
     """Calibrate 14 cameras from four exposures of 24 unknown patches, each illumination by itself.
 
     Parameters
@@ -277,6 +282,8 @@ def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.
         Of `crfbench.calibrate`.
     discrepancy : bool
         Whether it allows for what the model misses.
+    progress : bool
+        Whether to show a bar with the time left.
 
     Returns
     -------
@@ -292,7 +299,8 @@ def chart_free_table(method: str = "posterior", discrepancy: bool = True) -> pd.
     """
     check_choice("method", method, ("map", "posterior"))
     chart = patch_arrays(load_patches())
-    found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method, discrepancy))) for name in ROWS]
+    shown = tqdm(ROWS, desc="models", disable=not progress, **BAR)
+    found = [(name, method, *_timed(partial(chart_free_curves, chart, name, method, discrepancy))) for name in shown]
     rivals = {name: _timed(partial(opencv_curves, chart, name)) for name in ("Debevec", "Robertson")}
     found += [(f"OpenCV {name}", "opencv", *timed) for name, timed in rivals.items()]
     theirs = {name: _camera_rmse(curves, chart) for name, (curves, _) in rivals.items()}

@@ -22,7 +22,7 @@ from crfbench.datasets import Responses, load_emor_basis, load_patches, load_res
 from crfbench.datasets.middlebury import patch_intensity
 from crfbench.files import write_atomically
 from crfbench.history import load_history
-from crfbench.models import GGCM, PPISP, EMoR, Gamma, Polynomial
+from crfbench.models import GGCM, PPISP, SLR, EMoR, Gamma, Polynomial, load_model
 from crfbench.paper.calibration import calibration_table, camera_rmse_table, chart_free_table
 from crfbench.paper.claims import claims_table
 from crfbench.paper.fitting import fitting_tables
@@ -211,6 +211,12 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
+def _network(_: PaperResults) -> Axes:
+    model = load_model("SLR-ldl-1")
+    assert isinstance(model, SLR)  # noqa: S101  all pretrained models are
+    return plots.plot_network(model, load_responses("opencrf").in_direction("inverse")[0])
+
+
 def _data_sets(_: PaperResults) -> Axes:
     responses = load_responses("auto")
     left, right = plt.subplots(1, 2, figsize=(13, 5), layout="constrained", width_ratios=(1.3, 1))[1]
@@ -229,6 +235,7 @@ def _one_camera(_: PaperResults, method: str = "paper") -> Axes:
 
 #: What the paper numbers, in its layout, by the name of the file; then Figure 4 by our method.
 PAPER_FIGURES: dict[str, Callable[[PaperResults], Axes]] = {
+    "figure_1": _network,
     "figure_2": _data_sets,
     "figure_3": lambda _: plots.plot_latent_epochs({name: load_history(name.lower()) for name in _HISTORIES})[0],
     "figure_4": _one_camera,

@@ -6,16 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from tqdm.auto import tqdm
 
 from crfbench.curves import Array, Direction
 from crfbench.datasets import Responses, load_emor_basis, load_responses, registry
 from crfbench.datasets.responses import group_labels, grouped_folds
-from crfbench.metrics import mse, nonmonotone, out_of_range, rmse
+from crfbench.metrics import mse, nonmonotone, out_of_range, rmse, summarise
 from crfbench.models import SLR, EMoR, ResponseModel, load_model
 from crfbench.models.base import ClosedForm
 from crfbench.models.registry import MODELS, ModelKey, pretrained_models
 from crfbench.paper.printed import FITTING
-from crfbench.paper.results import load_recorded
+from crfbench.paper.results import BAR, load_recorded
 from crfbench.paper.verdicts import verdict
 
 COLUMNS = (
@@ -28,7 +29,9 @@ N_FOLDS = 5
 _PAPERS_KIND = {"SLR": "ldl", "EMoR": "published"}
 
 
-def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECTIONS) -> pd.DataFrame:
+def fitting_table(
+    responses: Responses, directions: Sequence[Direction] = DIRECTIONS, progress: bool = False
+) -> pd.DataFrame:
     """Fit every model to every curve with its best parameters and summarise the distances.
 
     Returns one row for each model and split, with the columns of `COLUMNS`. ``split`` is "in-sample" (what a model
@@ -39,19 +42,27 @@ def fitting_table(responses: Responses, directions: Sequence[Direction] = DIRECT
     ``nonmonotone`` and ``out_of_range`` are shares of the decoded curves; ``seconds`` is the time of all fits of
     the row; ``paper`` is the figure of the paper's Table 1, which speaks of forward in-sample fits of DoRF, and
     ``verdict`` follows `crfbench.paper.verdicts.verdict`. "EMoR-published-..." has the published basis, "EMoR-..."
-    one learned here.
+    one learned here. `progress` shows a bar with the time left.
     """
-    rows = [row for direction in directions for row in _rows(responses, direction)]
+    recorded = load_recorded("fitting_dorf")[0].query("split != 'grouped-5fold' and direction in @directions")
+    seconds, rows = recorded.groupby("model")["seconds"].sum(), []
+    with tqdm(total=seconds.sum(), desc=responses.dataset, disable=not progress, **BAR) as bar:
+        for row in (row for direction in directions for row in _rows(responses, direction)):
+            rows.append(row)
+            bar.update(0.0 if row["split"] == "grouped-5fold" else seconds.get(row["model"], 0.0))
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype({"paper": float})
 
 
-def fitting_tables(which: str = "auto", directions: Sequence[Direction] = DIRECTIONS) -> dict[str, pd.DataFrame]:
+def fitting_tables(
+    which: str = "auto", directions: Sequence[Direction] = DIRECTIONS, progress: bool = False
+) -> dict[str, pd.DataFrame]:
     """Return the fitting table of the data asked for; with "auto" and no DoRF, the recorded DoRF table beside it.
 
-    `which` is that of `crfbench.load_responses`. Each table stands under a title that says where its figures come from.
+    `which` is that of `crfbench.load_responses`, `progress` that of `fitting_table`. Each table stands under a title
+    that says where its figures come from.
     """
     responses = load_responses(which)
-    tables = {f"{responses.dataset}, computed now": fitting_table(responses, directions)}
+    tables = {f"{responses.dataset}, computed now": fitting_table(responses, directions, progress)}
     if which == "auto" and responses.dataset != "dorf":
         table, provenance = load_recorded("fitting_dorf")
         title = f"dorf, recorded with crfbench {provenance['crfbench']} (the curves are not on this machine)"
@@ -86,12 +97,9 @@ def papers_rising_rows() -> list[str]:
 
 def figures(decoded: Array, curves: Array) -> dict[str, float]:
     """Return the columns of a fitting table that judge decoded curves (n, 1024) against the measured ones."""
-    distance = rmse(decoded, curves)
+    distance = summarise(rmse(decoded, curves))
     return {
-        "mean_rmse": float(distance.mean()),
-        "median_rmse": float(np.median(distance)),
-        "p95_rmse": float(np.percentile(distance, 95)),
-        "max_rmse": float(distance.max()),
+        **{f"{name}_rmse": distance[name] for name in ("mean", "median", "p95", "max")},
         "mean_mse": float(mse(decoded, curves).mean()),
         "nonmonotone": float(nonmonotone(decoded).mean()),
         "out_of_range": float(out_of_range(decoded).mean()),

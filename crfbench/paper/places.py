@@ -18,16 +18,24 @@ def paper_map(results: PaperResults | None = None) -> pd.DataFrame:
         One row an item, all text: ``item`` (such as "Figure 2" or, of a claim, "section 4.4"), ``what`` it says, the
         ``cell`` of a notebook (``name#id``) that shows ours, the ``function`` that computes it, the ``command`` that
         does, the file in ``data/recorded`` it is ``recorded`` in, the ``figure`` that ``crfbench report --figures``
-        writes, and the ``verdict`` on a claim. What does not apply is empty. The cells of the tables are no rows.
+        writes, the ``verdict`` on a claim, and of the rest the section of the claims by which it is ``judged``. A
+        figure is "drawn", an algorithm or equation "rebuilt", and of a table it says how many numbers are reproduced.
+        What does not apply is empty. The cells of the tables are no rows.
     """
     claims = claims_table(results)
     found = located(claims[~claims["where"].str.fullmatch(r"Table \d")])
     section = found["where"].where(found["where"] == "abstract", "section " + found["where"])
     what = found["claim"] + (": " + found["paper"]).where(found["paper"] != "", "")
     found = found.assign(item=section, what=what).rename(columns={"how": "function"}).sort_values("item", kind="stable")
-    places = _places()
-    columns = [*places.columns, "verdict"]
-    return pd.concat([places[places["item"] != ""], found[columns]], ignore_index=True).fillna("")
+    places = _places().query("item != ''")
+    places["verdict"] = [_state(item, claims["verdict"][claims["where"] == item]) for item in places["item"]]
+    return pd.concat([places, found.assign(judged="")[places.columns]], ignore_index=True).fillna("")
+
+
+def _state(item: str, cells: "pd.Series[str]") -> str:
+    if len(judged := cells[cells != "not comparable"]):
+        return f"{(judged == 'reproduced').sum()} of {len(judged)} reproduced"
+    return "drawn" if item.startswith("Figure") else "rebuilt"
 
 
 def located(claims: pd.DataFrame) -> pd.DataFrame:

@@ -17,33 +17,12 @@ from crfbench.paper.figures import PAPER_FIGURES, captions, picture
 from crfbench.paper.findings import does_not_follow, holds, summary
 from crfbench.paper.places import located, paper_map
 from crfbench.paper.results import LEADERBOARD, PaperResults, leaderboard, load_results
-from crfbench.paper.verdicts import RULES
+from crfbench.paper.verdicts import MARKS, RULES
 from crfbench.widgets import LatentExplorer, SortableTable
 from crfbench.widgets.assets import join
 from crfbench.widgets.page import document, island
 
 TITLE = "One latent number for a camera response: a paper rebuilt and checked"
-#: A sign and a class of each verdict, which tell it without colour.
-_MARKS = {
-    "reproduced": ("✓", "yes"),
-    "holds": ("✓", "yes"),
-    "differs": ("✗", "no"),
-    "does not hold": ("✗", "no"),
-    "undecided": ("?", "none"),
-    "not comparable": ("–", "none"),
-}
-#: What stands for matplotlib's colours in a page, which may be dark: there the palette is lighter.
-_PAGE_COLOURS = {
-    "#000000": "currentColor",
-    "#ffffff": "Canvas",
-    "#b0b0b0": "var(--line)",
-    "#cccccc": "var(--line)",
-    "#666666": "var(--soft)",
-    "#0072b2": "light-dark(#0072b2, #3d9ae0)",
-    "#d55e00": "light-dark(#d55e00, #f28a3a)",
-    "#009e73": "light-dark(#009e73, #2ec495)",
-    "#56b4e9": "light-dark(#56b4e9, #a5dbff)",
-}
 #: What of `crfbench.paper.figures.PAPER_FIGURES` the page shows: what is recorded, as lines and letters.
 _SHOWN = ("table_1", "table_2", "table_3", "algorithm_1")
 
@@ -101,7 +80,7 @@ def _rendered(template: str, **content: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(f"{template}.html.jinja").render(content, marks=_MARKS)
+    return environment.get_template(f"{template}.html.jinja").render(content, marks=MARKS)
 
 
 def sortable_leaderboard() -> SortableTable:
@@ -131,6 +110,6 @@ def _svg(name: str, alt: str, results: PaperResults) -> str:
         ).decode()
     plt.close("all")
     svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{name}-", svg[svg.index("<svg") :])
-    for written, shown in _PAGE_COLOURS.items():
-        svg = svg.replace(written, shown)
+    for colour in re.findall(r"--figure-(\w{6}):", join("report.css")):
+        svg = svg.replace(f"#{colour}", f"var(--figure-{colour})")
     return svg.replace("<svg ", f'<svg role="img" aria-label="{html.escape(alt)}" fill="currentColor" ', 1)

@@ -19,6 +19,11 @@ from crfbench.models import load_model
 from crfbench.models.registry import pretrained_models
 from crfbench.models.slr import SLR
 
+#: How `tqdm` tells the time left of a table: not before it has taken two seconds, and gone when the table is there.
+BAR: dict[str, Any] = {
+    "bar_format": "{desc} |{bar}| {percentage:3.0f} % [{elapsed}, {remaining} left]", "delay": 2, "ncols": 79,
+    "leave": False,
+}  # fmt: skip
 CONSTRAINTS = ("ldl", "auc", "aae", "vae", "baseline")
 LATENT_COLUMNS = (
     "model", "n_latent", "direction", "constraint", "mean", "sd", "kl", "ks", "best_mse", "best_rmse", "encoder_mse",

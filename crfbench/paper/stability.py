@@ -5,6 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 import pandas as pd
+from tqdm.auto import tqdm
 
 from crfbench.calibration import METHODS, Observations, calibrate
 from crfbench.checks import check_choice, check_count, check_seed
@@ -16,6 +17,7 @@ from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL
 from crfbench.paper.calibration import held_out_rmse
 from crfbench.paper.printed import STABILITY
+from crfbench.paper.results import BAR
 from crfbench.paper.verdicts import verdict
 
 COLUMNS = (
@@ -40,6 +42,7 @@ def stability_table(
     rows: Sequence[str] = ROWS,
     discrepancy: bool = True,
     seed: int = 0,
+    progress: bool = False,
 ) -> pd.DataFrame:
     """Calibrate with subsets of the patches and measure how far the curves lie apart, and how far from the truth.
 
@@ -55,6 +58,8 @@ def stability_table(
         Whether "map" and "posterior" allow for what the model misses; the paper's method never does.
     seed : int
         Of the triples and of the random starts.
+    progress : bool
+        Whether to show a bar with the time left.
 
     Returns
     -------
@@ -70,7 +75,7 @@ def stability_table(
     everyone = _stated(chart, list(range(len(chart.cameras))))
     turns, drawn = _triples(chart, max(triples, 1), check_seed(seed))
     found = []
-    for name in rows:
+    for name in tqdm(rows, desc="models", disable=not progress, **BAR):
         model = load_model(name)
         fitted = partial(calibrate, model, discrepancy=discrepancy, seed=seed)
         for method in ("paper", "map", "posterior"):

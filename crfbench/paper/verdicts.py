@@ -2,29 +2,25 @@
 
 from collections.abc import Callable, Iterable
 from decimal import Decimal
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from crfbench.paper.printed import SIGNIFICANT_RMSE
 from crfbench.paper.results import PaperResults
 
 #: "Twice as fast" is a ratio above the first, "slightly worse" one below the second, "1" within the third of 1.
 TWICE, SLIGHTLY, NEAR_ONE = 1.8, 1.5, 0.1
-RULES = {
-    "reproduced": "our number lies within one unit of the paper's last printed digit, or the paper's lies within the "
-    "spread of ours (in Table 3, 95 % of a bootstrap over the cameras); there, also when the two are no more than "
-    f"{SIGNIFICANT_RMSE} apart, which the paper calls not significant; counts are equal",
-    "differs": "our number comes from the same data and, as far as it is described, by the same procedure, and none of "
-    "that is so",
-    "holds": "a statement in words, of which our numbers say the same; “almost” or “around twice” is a ratio above "
-    f"{TWICE}, “slightly worse” one below {SLIGHTLY}, and an estimate of 1 is right within {NEAR_ONE}",
-    "does not hold": "a statement in words, of which our numbers, or the paper's own, say otherwise",
-    "undecided": "a statement in words, of which our numbers say both: their ranges overlap, or it depends on the "
-    "measure",
-    "not comparable": "the paper's number depends on its computer, cannot be recomputed from what is published, or is "
-    "a largest RMSE above ours, whose spread a bootstrap cannot tell",
+_VERDICTS = pd.read_csv(Path(__file__).with_name("verdicts.csv"), index_col="verdict")
+#: What each verdict means; then a sign and a class that tell it without colour, and its colour on a terminal.
+RULES: dict[str, str] = {
+    name: rule.format(significant=SIGNIFICANT_RMSE, twice=TWICE, slightly=SLIGHTLY, near=NEAR_ONE)
+    for name, rule in _VERDICTS["rule"].items()
 }
+MARKS: dict[str, list[str]] = _VERDICTS[["sign", "look"]].T.to_dict("list")
+COLOURS: dict[str, str] = _VERDICTS["colour"].to_dict()
 
 
 class Claim(NamedTuple):

@@ -122,7 +122,7 @@ def test_claims_are_a_table_for_everyone(page):
 
 
 def test_a_folded_table_opens_by_keyboard(page):
-    page.get_by_text("78 figures").focus()
+    page.get_by_text("78 numbers").focus()
     page.keyboard.press("Enter")
     assert page.get_by_text("mean RMSE, SLR-ldl-1", exact=True).is_visible()
 

@@ -37,7 +37,8 @@ export class NetworkSketch extends Sketch {
       const values = i > waist ? active[i - waist - 1] : i === 0 ? (input ?? []) : [];
       if (i === waist) this.paintWaist(latent, column.x, middle);
       else this.paintLayer(column, middle, values, i > waist ? "blue" : "vermilion");
-      this.write(String(column.size), column.x, this.height - BELOW / 2);
+      const outwards = i === 0 ? -10 : i === all.length - 1 ? 10 : 0; // for the long numbers of the layers of samples
+      this.write(String(column.size), column.x + outwards, this.height - BELOW / 2);
     });
     this.write("encoder", (first + columns[waist].x) / 2, ABOVE / 2);
     this.write("z", columns[waist].x, ABOVE / 2);
