@@ -1,10 +1,11 @@
 """From a folder of photographs to a response passport: with a chart, by RAW files, or from exposure steps alone."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,9 +203,8 @@ def _from_series(
     images, used = read_planned(plan, reduce_photograph)
     if len(images) < 2:
         left = "".join(f", {pair.jpeg.name}" for pair in used.pairs)
-        raise InputError(
-            f"{len(images)} photographs of a series are left{left} ({_reasons(used.problems)}); use two or more"
-        )
+        why = "" if images and not used.problems else f" ({_reasons(used.problems)})"
+        raise InputError(f"{len(images)} photographs of a series are left{left}{why}; use two or more")
     notes = plan.notes
     shifts = find_shifts([image.picture for image in images], used.stops, images[0].shape) if align else None
     if shifts is not None and shifts.any():
@@ -225,9 +225,18 @@ def _from_series(
     again = (WORKER.run(read_levels, pair.jpeg, used.white_level) for pair in used.pairs)
     if shifts is not None:
         again = (shifted(image, *shift) for image, shift in zip(again, shifts, strict=True))
-    merged = merge_series(again, used.stops if told is None else told[0], calibration)
+    merged = merge_series(_ahead(again), used.stops if told is None else told[0], calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
+
+
+def _ahead(images: Iterator[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+    """Read the next image while the last one is used."""
+    with ThreadPoolExecutor(1) as pool:
+        following = pool.submit(next, images, None)
+        while (image := following.result()) is not None:
+            following = pool.submit(next, images, None)
+            yield image
 
 
 def _shifted(shifts: NDArray[np.intp], names: list[str]) -> str:

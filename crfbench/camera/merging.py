@@ -5,6 +5,7 @@ Stevenson 2003, "Estimation-theoretic approach to dynamic range enhancement usin
 doi:10.1117/1.1557695, with the uncertainty of the curve itself added.
 """
 
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import NormalDist
@@ -24,7 +25,7 @@ from crfbench.errors import InputError
 from crfbench.files import check_new, write_new
 
 _LEVEL = 0.9  # of the band that is taken from a calibration
-_PART = 2**18  # pixels that are merged at once, so that memory is needed for little more than the result
+_PART = 2**16  # pixels that are merged at once: they fit into the cache, and need little memory
 _LEAST = 1e-9  # irradiance, and share of it that is uncertain; keeps divisions finite
 _SUFFIXES = (".exr", ".tif", ".tiff", ".hdr")
 
@@ -82,15 +83,17 @@ def merge_series(
     for image, exposure in zip(arrays, light, strict=True):
         refuse_masked("images", image)
         if not total.size:
-            total, weighted = np.zeros((2, *image.shape), dtype=np.float32)
+            # Not as parts of one array, which would stay as long as one of them.
+            total, weighted = (np.zeros(image.shape, dtype=np.float32) for _ in range(2))
             tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1, noise)
             # A level below its own noise may be stray light, which a short exposure makes large.
             sure = tables[0] >= 1.0
             clear = [tables[0] * sure, tables[1] * sure, tables[2]]
+        weight, *irradiance = tables if exposure == light.max() else clear
+        known = [weight, *(table / np.float32(exposure) for table in irradiance)]
         step = max(1, _PART // image.shape[1])
         for rows in (slice(first, first + step) for first in range(0, len(image), step)):
-            known = tables if exposure == light.max() else clear
-            _add(image[rows], np.float32(exposure), known, total[rows], weighted[rows])
+            _add(image[rows], known, total[rows], weighted[rows])
     np.divide(weighted, total, out=weighted, where=total > 0)
     least = total[..., 0]
     for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
@@ -138,7 +141,6 @@ def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[
 
 def _add(
     image: Image,
-    exposure: np.float32,
     tables: Sequence[NDArray[np.float32]],
     total: NDArray[np.float32],
     weighted: NDArray[np.float32],
@@ -146,10 +148,9 @@ def _add(
     """Add what some rows of a photograph say; where nothing is measured yet, `weighted` holds the nearest end."""
     weight, times = (_look_up(image, table) for table in tables[:2])
     if (open_ended := total == 0).any():
-        np.maximum(weighted, _look_up(image, tables[2]) / exposure, out=weighted, where=open_ended)
+        np.maximum(weighted, _look_up(image, tables[2]), out=weighted, where=open_ended)
         weighted[open_ended & (weight > 0)] = 0
     total += weight
-    times /= exposure
     weighted += times
 
 
@@ -187,6 +188,7 @@ def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) ->
 def _exr(pixels: NDArray[np.float32]) -> bytes:
     import OpenEXR
 
+    OpenEXR.set_global_thread_count(os.cpu_count() or 1)  # else the compression takes longer than the merge
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with TemporaryDirectory() as folder:  # the library writes to files only
         file = Path(folder) / "image.exr"

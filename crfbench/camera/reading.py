@@ -316,7 +316,7 @@ def _decode(image: _Image) -> NDArray[Any]:
     if pixels is None:
         raise ValueError(image.kind)
     if pixels.ndim == 3:  # OpenCV has blue first, and garbles TIFF files of 16 bits where it is asked for red
-        pixels = pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA)
     if image.kind != "TIFF":
         return _turned(pixels, image.tags.get(_ORIENTATION))
     return 65535 - pixels if image.decoder.tag_v2.get(_PHOTOMETRIC) == 0 else pixels  # 0: white is 0

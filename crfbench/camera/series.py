@@ -368,7 +368,10 @@ def _blocks(plane: Image) -> Array:
 
     side = min(_SIDE, *plane.shape)
     rows, columns = (length // side for length in plane.shape)
-    cut = np.ascontiguousarray(plane[: rows * side, : columns * side])
+    # Of large photographs some rows of blocks; of those, then, some blocks.
+    every = int(np.sqrt(max(1, rows * columns // _MOST_BLOCKS)))
+    chosen = (np.arange(0, rows, every)[:, None] * side + np.arange(side)).ravel()
+    cut, rows = np.ascontiguousarray(plane[chosen, : columns * side]), len(chosen) // side
     kernel, first = np.ones((side, side), np.uint8), side // 2
     white = np.iinfo(plane.dtype).max
     mean = cv2.resize(cut.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
