@@ -452,8 +452,7 @@ def decode(name: str, data: bytes) -> Passport:
         with np.errstate(all="ignore"):  # what overflows is not finite, which Passport refuses
             return FORMATS[name].read(data)
     except (InputError, FormatError) as error:
-        said = str(error)
-        said = said if len(said) < 300 else f"{said[:200]} ... {said[-90:]}"
+        said = f"{said[:200]} ... {said[-90:]}" if len(said := str(error)) >= 300 else said
         raise FormatError(f"this is not a response in the format {name!r}: {said}") from None
 
 

@@ -7,6 +7,7 @@ doi:10.1117/1.1557695, with the uncertainty of the curve itself added.
 
 import os
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from statistics import NormalDist
 from tempfile import TemporaryDirectory, gettempdir
@@ -182,10 +183,11 @@ def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) ->
     if not np.isfinite(pixels).all() or pixels.min() < 0:
         raise InputError("the image holds values that are negative or not finite in float32; use radiances from 0")
     check_new(path, overwrite)
-    try:
+    content = b""
+    with suppress(RuntimeError):  # both libraries write aside first, where the disk may be full
         content = _exr(pixels) if suffix == ".exr" else _encoded(suffix, pixels)
-    except RuntimeError:  # the word of both libraries, which write aside first, for a full disk
-        raise OSError(f"{path} cannot be written: no space in {gettempdir()}; make room there") from None
+    if not content:
+        raise OSError(f"{path} cannot be written: no space in {gettempdir()}; make room there")
     write_new(path, content, overwrite)
 
 
@@ -206,7 +208,4 @@ def _encoded(suffix: str, pixels: NDArray[np.float32]) -> bytes:
     options = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_NONE] if suffix.startswith(".tif") else []
     if suffix == ".hdr" and pixels.ndim == 2:  # a format of three channels
         pixels = np.dstack([pixels] * 3)
-    done, content = cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)
-    if not done:
-        raise RuntimeError
-    return bytes(content)
+    return bytes(cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)[1])
