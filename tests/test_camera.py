@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import stat
+import tempfile
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -301,7 +302,7 @@ def test_what_a_killed_process_wrote_is_complete_and_force_writes_the_rest(resul
 
 @pytest.mark.skipif(os.name == "nt", reason="limits of a process are set another way")
 @pytest.mark.parametrize("target", ["out", "a.exr", "a.hdr", "a.tif", "a.cube"])
-def test_a_full_disk_leaves_nothing_half_written(folder, written, tmp_path, target):
+def test_a_full_disk_leaves_nothing_half_written(folder, written, tmp_path, monkeypatch, target):
     import resource
 
     out, passport = tmp_path / target, written / "passport.json"
@@ -309,6 +310,10 @@ def test_a_full_disk_leaves_nothing_half_written(folder, written, tmp_path, targ
         "out": ("calibrate", folder, "--out", out),
         "a.cube": ("convert", passport, out),
     }.get(target, ("linearise", folder / "写真 0.jpg", "--response", passport, "--out", out))
+    aside = tmp_path / "aside"
+    aside.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(aside))
+    monkeypatch.setenv("OPENCV_TEMP_PATH", str(aside))
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # what is larger fails as on a full disk
     try:
@@ -320,6 +325,7 @@ def test_a_full_disk_leaves_nothing_half_written(folder, written, tmp_path, targ
     assert re.search("File too large|no space in", done.stderr)
     assert "Traceback" not in done.stderr
     assert target == "out" or not out.exists()
+    assert list(aside.iterdir()) == []
     left = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert all(path.stat().st_size <= 20_000 and not path.name.startswith(".") for path in left)
 

@@ -208,4 +208,7 @@ def _encoded(suffix: str, pixels: NDArray[np.float32]) -> bytes:
     options = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_NONE] if suffix.startswith(".tif") else []
     if suffix == ".hdr" and pixels.ndim == 2:  # a format of three channels
         pixels = np.dstack([pixels] * 3)
-    return bytes(cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)[1])
+    with TemporaryDirectory() as folder:  # what OpenCV itself writes aside it would leave on a full disk
+        file = Path(folder) / f"image{suffix}"
+        done = cv2.imwrite(str(file), pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)
+        return file.read_bytes() if done else b""
