@@ -260,6 +260,19 @@ def test_learning_recovers_a_known_kernel():
     assert np.allclose(mean_square * variance(found.factor), expected * variance(factor), rtol=0.25, atol=0.004)
 
 
+def test_a_curve_of_weight_3_counts_as_three_of_it():
+    rng, weight = np.random.default_rng(5), np.tile([1.0, 2.0, 3.0], 8)
+    misses = rng.choice([0.3, 1.0], (24, 1)) * rng.standard_normal((24, 1)) * np.log(KNOTS)
+    row = (np.zeros((1, 64)), np.zeros(1))
+    copies = np.repeat(misses, weight.astype(int), axis=0)
+    weighed, copied = (
+        fit_discrepancy(x, [row] * len(x), w) for x, w in ((misses, weight), (copies, np.ones(len(copies))))
+    )
+    kernel = copied.kernel()
+    np.testing.assert_allclose(weighed.kernel(), kernel, atol=1e-4 * kernel.max())
+    np.testing.assert_allclose(weighed.scale_weight, copied.scale_weight, rtol=1e-4)
+
+
 def test_a_model_of_ones_own_gets_its_discrepancy_in_one_call():
     inverse = FILMS.in_direction("inverse")
     model = Gamma().learn_prior(inverse[::2])
