@@ -127,6 +127,17 @@ def test_neither_the_order_nor_the_company_matters(pairs):
     # So do the names of the channels: red and blue change places.
     turned = calibrate_colour(jpeg[1, ..., ::-1], raw[1, ..., ::-1], method="map")
     np.testing.assert_allclose(turned.matrix[0, ::-1, ::-1], both.matrix[1], rtol=0.02, atol=0.01)
+    np.testing.assert_allclose(turned.deviation[0, ::-1], both.deviation[1], rtol=0.05)
+
+
+def test_each_channel_is_developed_by_its_own_curve(found):
+    calibration = dataclasses.replace(found.calibration, curves=np.tile(INVERSE, (3, 1)))
+    alone = np.tile(np.eye(3), (3, 1, 1))
+    cameras = dataclasses.replace(found, matrix=alone, soft=np.zeros(3), calibration=calibration)
+    light = np.linspace(0.02, 0.98, 40)
+    expected = np.array([np.interp(light, curve, GRID) for curve in INVERSE]).T
+    for brightness in cameras.develop(np.tile(light[:, None], 3)):
+        np.testing.assert_allclose(brightness, expected, atol=1e-6)
 
 
 def test_greys_tell_no_mixture():
