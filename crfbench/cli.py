@@ -1,6 +1,7 @@
 """The command line: one command a verb, from ``data`` and ``fetch`` to ``calibrate`` and ``lab``."""
 
 import datetime
+import io
 import json
 import math
 import re
@@ -424,6 +425,8 @@ app.registered_commands.sort(key=lambda command: _PANELS.index(str(command.rich_
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; a mistake in the input is one sentence and exit status 2."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may hold what it cannot write
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app(arguments)
     except CrfbenchError as error:

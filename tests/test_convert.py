@@ -1,6 +1,7 @@
 """Responses as other programs write them, told by their content under any name, and turned from one into another."""
 
 import io
+import re
 import subprocess
 import sys
 
@@ -14,6 +15,7 @@ from crfbench.camera import Passport, read_response, write_response
 from crfbench.camera.formats import FORMATS, decode
 from crfbench.curves import GRID
 from crfbench.errors import FormatError, InputError
+from crfbench.metrics import nonmonotone
 from tests.support.command import run_command
 from tests.support.responses import file_of, matrix_of_pfstools, rows
 
@@ -195,6 +197,11 @@ def test_cubes_as_people_write_them(text):
     np.testing.assert_allclose(found.curves, expected, atol=1e-12)
 
 
+def test_a_name_that_no_text_can_hold_makes_a_title():
+    passport = decode("passport", FORMATS["passport"].write(Passport("inverse", GRID, camera="a\ud800")))
+    assert decode("cube", FORMATS["cube"].write(passport)).camera == "a?"
+
+
 def test_a_title_in_latin_1():
     assert decode("cube", ('TITLE "Kamera für Tag"\n' + CUBE).encode("latin-1")).camera == "Kamera für Tag"
 
@@ -309,6 +316,28 @@ def test_what_convert_refuses_in_one_sentence(arguments, message, tmp_path, monk
     assert message in done.stderr
     assert done.stderr.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(set(FORMATS) - {"hugin"}))
+def test_a_number_or_line_that_is_wrong_is_read_or_refused_in_one_sentence(name, tmp_path):
+    """Whatever stands there, nothing but a valid response comes out, and of a refused one nothing is written."""
+    rng, content = np.random.default_rng(0), file_of(name, Passport("inverse", GRID**2))
+    words, refused = [word.span() for word in re.finditer(rb"[-+.\w]+", content)], 0
+    for i in range(60):
+        start, end = words[rng.integers(len(words) if i % 2 else min(30, len(words)))]
+        wrong = [b"1e308", b"9" * 5000, b"1e999", b"nan", b"-0", b"1_0", b'"\\ud800"', b"[[1]]", b"0.5", b"\n"][i % 10]
+        path, out = tmp_path / f"{i}{FORMATS[name].suffix}", tmp_path / "out.csv"
+        path.write_bytes(content[:start] + wrong + content[end:])
+        done = run_command("convert", path, out)
+        if done.returncode == 0:
+            assert not nonmonotone(read_response(out).curves, 1e-6).any()
+            out.unlink()
+            continue
+        refused += 1
+        assert (done.returncode, done.stderr.count("\n"), out.exists()) == (2, 1, False)
+        assert len(done.stderr) < 600
+    assert refused
 
 
 def test_a_repair_is_said_and_kept(tmp_path):

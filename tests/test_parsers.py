@@ -106,7 +106,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def damage(content: bytes) -> st.SearchStrategy[bytes]:
     """Cut, overwrite or insert, near the head as often as anywhere."""
     place = st.integers(0, min(100, len(content))) | st.integers(0, len(content))
-    patch = st.binary(max_size=6) | st.sampled_from([b"NaN", b"1e999", b"null", b"[" * 3000, b"-1", b'"', b"\n", b"{}"])
+    words = [b"NaN", b"1e999", b"1e308", b"9" * 5000, b"\\ud800", b"null", b"[" * 3000, b"-1", b'"', b"\n", b"{}"]
+    patch = st.binary(max_size=6) | st.sampled_from(words)
     cut = st.builds(lambda i, n, new: content[:i] + new + content[i + n :], place, st.integers(0, 40), patch)
     return st.binary(max_size=60) | place.map(lambda i: content[:i]) | cut
 

@@ -173,6 +173,8 @@ def altered(**changes: object) -> bytes:
         (altered(curves=[1, 2]), "curves have shape"),
         (altered(level=0.9), "lacks one of low"),
         (altered(iso=1.5), "iso=1.5"),
+        (altered(iso=[1.5] * 9999), r"iso=\[1\.5, 1\.5.{200,300}; use a whole number from 1$"),
+        (altered(camera=["x"] * 9999), r"camera=\['x', 'x'.{200,300} is not text; use a str$"),
         (altered(direction=["inverse"]), "is not known"),
         (altered(valid_range=[0, float("nan")]), "it holds NaN"),
         (FORMATS["passport"].write(THREE)[:-1] + b', "iso": 3}', "two entries of one name"),

@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import unicodedata
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -77,6 +78,17 @@ def test_planes_are_turned_too(tmp_path, orientation):
     )
     tifffile.imwrite(tmp_path / "b.tif", np.moveaxis(planes, 0, -1), photometric="rgb", metadata=None, extratags=tags)
     np.testing.assert_array_equal(read_levels(tmp_path / "a.tif"), read_levels(tmp_path / "b.tif"))
+
+
+@pytest.mark.parametrize("compression", ["zlib", "lzma"])
+def test_damaged_planes_are_refused(tmp_path, compression):
+    path = tmp_path / "a.tif"
+    planes = np.random.default_rng(0).integers(0, 65535, (3, 40, 32), dtype=np.uint16)
+    tifffile.imwrite(path, planes, photometric="rgb", planarconfig="separate", compression=compression)
+    content = path.read_bytes()
+    path.write_bytes(content[:-3000] + bytes(20) + content[-2980:])
+    with pytest.raises(FormatError, match=r"a\.tif cannot be decoded; use a complete JPEG"):
+        read_levels(path)
 
 
 def test_planes_that_need_another_decoder_are_refused(tmp_path):
@@ -270,6 +282,7 @@ def test_the_white_level_is_guessed_where_it_is_plain(tmp_path):
         ({TIME: IFDRational(0, 1), SHUTTER: 1.0, F_NUMBER: IFDRational(0, 1), APERTURE: 6.0}, Exif(0.5, 8.0)),
         ({TIME: 0.1, SHUTTER: 5.0, F_NUMBER: 2.8, APERTURE: 4.0}, Exif(0.1, 2.8)),
         ({SHUTTER: 1e30}, Exif()),
+        ({TIME: 1e300, F_NUMBER: 1e-300, ISO: 1e300}, Exif()),
     ],
 )
 def test_what_exif_tells_in_which_order(tmp_path, tags, expected):
@@ -278,6 +291,14 @@ def test_what_exif_tells_in_which_order(tmp_path, tags, expected):
     for name in ("exposure_time", "f_number", "iso"):
         told = getattr(expected, name)
         assert getattr(found, name) == (told and pytest.approx(told, rel=1e-4))
+
+
+@pytest.mark.parametrize("told", ["A\nB \x1b[31m C\0", "A B [31m C" + 1000 * " "])
+def test_the_name_of_a_camera_is_one_line(tmp_path, told):
+    save_jpeg(tmp_path / "a.jpg", model=told)
+    assert read_exif(tmp_path / "a.jpg").model == "A B [31m C"
+    save_jpeg(tmp_path / "a.jpg", model=30_000 * "x")
+    assert read_exif(tmp_path / "a.jpg").model == 100 * "x"
 
 
 def test_what_is_missing_everywhere_is_constant_and_said(tmp_path):
@@ -380,6 +401,16 @@ def test_times_are_fractions_too(three, exposures):
     assert table[2] == "d.jpg          0.5   +4.91 stops"
 
 
+@pytest.mark.parametrize("between", [",", ", 1/"])
+def test_many_times_are_no_name_of_a_file(tmp_path, between):
+    for i in range(200):
+        touch(tmp_path, f"{i}.jpg")
+    plan = plan_photographs(tmp_path, "1" + 199 * f"{between}1")
+    assert len(plan.problems) == 200, "each is empty"
+    with pytest.raises(InputError, match="do not match 200 photographs"):
+        plan_photographs(tmp_path, "1" + 5000 * f"{between}1")
+
+
 @pytest.mark.parametrize(
     ("name", "text", "note"),
     [
@@ -437,7 +468,7 @@ def test_times_in_names(tmp_path, name, seconds):
     assert plan_photographs([tmp_path / name]).times.tolist() == [7.0], "EXIF counts first"
 
 
-@pytest.mark.parametrize("time", ["0", "-1", "1/0", "nan", "inf", "1e999999999", "a", ""])
+@pytest.mark.parametrize("time", ["0", "-1", "1/0", "nan", "inf", "1e999999999", "5e-324", "a", ""])
 def test_times_that_are_none(three, time):
     with pytest.raises(InputError, match="is not an exposure time; use times above 0"):
         plan_photographs(three, f"1,2,{time}")
@@ -445,6 +476,9 @@ def test_times_that_are_none(three, time):
         read_series(three, ["1/60", 1, time])
     with pytest.raises(InputError, match=r"there is|is not an exposure time"):
         plan_photographs(three, three / "nowhere.txt")
+    (three / "list.txt").write_text(f"a b 1\nc {time}\nd 1")
+    with pytest.raises(InputError, match="is not an exposure time; use times above 0"):
+        plan_photographs(three, three / "list.txt")
 
 
 def test_times_in_names_of_folders(tmp_path):
@@ -556,20 +590,23 @@ def test_given_white_levels_count_before_guesses(tmp_path):
 
 def test_notes_stand_in_the_report(tmp_path):
     for i, image in enumerate(SERIES.images):
-        save_jpeg(tmp_path / f"{i}.jpg", {TIME: 2.0 ** SERIES.stops[i]}, image=image)
+        save_jpeg(tmp_path / f"{i}.jpg", {TIME: 2.0 ** SERIES.stops[i], ISO: 0.3}, image=image)
     said = []
     result = camera.calibrate(tmp_path, "none", say=said.append)
+    assert result.passport.iso is None, "no whole number"
     assert (
         result.notes
         == said[1:]
         == [
-            "5 of 5 files do not tell the ISO speed, which is taken as constant",
             "5 of 5 files do not tell the f-number, which is taken as constant",
         ]
     )
     from crfbench.camera.outputs import report_page
 
     assert all(note in report_page(result) for note in result.notes)
+    named = replace(result, photographs={"a\udcff": tmp_path / "0.jpg"})  # as Linux reads a name that is no UTF-8
+    *_, page, _merged = camera.write_outputs(named, tmp_path / "out")
+    assert "<td>a?</td>" in page.read_text(encoding="utf-8")
 
 
 def test_a_grey_file_has_no_chart(tmp_path):

@@ -34,6 +34,10 @@ def lack(path):
     raise ImportError("no module of that name")
 
 
+def exhaust(path):
+    raise MemoryError
+
+
 def process_id(path):
     return os.getpid()
 
@@ -56,6 +60,8 @@ def test_a_crash_costs_one_file(worker):
         worker.run(crash, PATH)
     second = worker.run(process_id, PATH)
     assert second != first
+    with pytest.raises(FormatError, match=r"^a\.jpg needs more memory than there is"):
+        worker.run(exhaust, PATH)
     with pytest.raises(InputError, match=r"^too dark$"):
         worker.run(refuse, PATH, "too dark")
     assert worker.run(process_id, PATH) == second

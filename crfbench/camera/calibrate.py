@@ -276,7 +276,7 @@ def _passport(
         np.maximum(high, curve),
         _LEVEL,
         camera=exif.model or "",
-        iso=None if exif.iso is None else round(exif.iso),
+        iso=round(exif.iso or 0) or None,
         model=str(key),
         params=calibration.params,
         data_sha256=_digest(files),

@@ -165,7 +165,7 @@ def _write_cube(passport: Passport) -> bytes:
     title = " ".join(passport.camera.replace('"', "'").split()) or "inverse response"
     columns = np.broadcast_to(passport.in_direction("inverse"), (3, N_SAMPLES)).T
     head = f'TITLE "{title}"\nLUT_1D_SIZE {N_SAMPLES}\nDOMAIN_MIN 0.0 0.0 0.0\nDOMAIN_MAX 1.0 1.0 1.0\n'
-    return (head + "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in columns.tolist())).encode()
+    return (head + "".join(f"{r:.9f} {g:.9f} {b:.9f}\n" for r, g, b in columns.tolist())).encode(errors="replace")
 
 
 _LEVELS = 256
@@ -452,7 +452,9 @@ def decode(name: str, data: bytes) -> Passport:
         with np.errstate(all="ignore"):  # what overflows is not finite, which Passport refuses
             return FORMATS[name].read(data)
     except (InputError, FormatError) as error:
-        raise FormatError(f"this is not a response in the format {name!r}: {error}") from None
+        said = str(error)
+        said = said if len(said) < 300 else f"{said[:200]} ... {said[-90:]}"
+        raise FormatError(f"this is not a response in the format {name!r}: {said}") from None
 
 
 def _by_ending(path: str | Path, names: Iterable[str]) -> str | None:

@@ -60,7 +60,7 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
         except MissingDataError:
             continue
         yield path
-    write_new(folder / _REPORT, page.encode(), overwrite)
+    write_new(folder / _REPORT, page.encode(errors="replace"), overwrite)
     yield folder / _REPORT
     if result.merged:
         write_hdr(folder / _MERGED, result.merged.radiance, overwrite)

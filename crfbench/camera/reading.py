@@ -5,11 +5,13 @@ decoded, and `crfbench.camera.worker` decodes them in a process of its own, as a
 """
 
 import logging
+import lzma
 import re
 import struct
 import warnings
+import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BytesIO
 from math import isfinite
@@ -48,7 +50,7 @@ _MODES = _GREY | {"RGB", "RGBA", "RGB;16", "RGBA;16", "L;16"}
 # What Pillow raises on bytes that are not an image, or one that was cut or altered.
 _DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, EOFError, ValueError, TypeError, KeyError, IndexError, SyntaxError, OverflowError, RuntimeError),
-    *(ZeroDivisionError, AttributeError, struct.error),
+    *(ZeroDivisionError, AttributeError, struct.error, zlib.error, lzma.LZMAError),
 )
 
 Pixels = TypeVar("Pixels", bound=NDArray[Any])
@@ -188,7 +190,7 @@ def _exif(tags: dict[int, Any]) -> Exif:
         _positive(tags.get(_EXPOSURE_TIME)) or _power(tags.get(_SHUTTER_SPEED), 0.5),
         _positive(tags.get(_F_NUMBER)) or _power(tags.get(_APERTURE), 2**0.5),
         iso,
-        str(tags.get(_MODEL, "")).strip("\0 ") or None,
+        " ".join("".join(c if c.isprintable() else " " for c in str(tags.get(_MODEL, ""))).split())[:100] or None,
     )
 
 
@@ -343,15 +345,15 @@ def _exif_tags(kind: str, source: Any) -> dict[int, Any]:
 
     if kind == "PNG" and "exif" not in source.info:
         return {}  # Pillow would decode the pixels to look behind them
-    try:
+    with warnings.catch_warnings(), suppress(*_DAMAGE):
+        warnings.simplefilter("ignore")
         if isinstance(source, bytes):
             exif = Image.Exif()
             exif.load(source)
         else:
             exif = source.getexif()
         return {**exif, **exif.get_ifd(_EXIF_FOLDER)}
-    except _DAMAGE:
-        return {}
+    return {}
 
 
 def _power(value: Any, base: float) -> float | None:
@@ -362,7 +364,7 @@ def _power(value: Any, base: float) -> float | None:
 
 def _positive(value: Any) -> float | None:
     number = _number(value)
-    return number if number is not None and number > 0 else None
+    return number if number is not None and 1e-30 < number < 1e30 else None
 
 
 def _number(value: Any) -> float | None:

@@ -119,6 +119,8 @@ def _serve(pipe: Connection) -> None:
             return
         except (CrfbenchError, ImportError) as error:
             answer = False, error
+        except MemoryError:
+            answer = False, FormatError(f"{arguments[0].name} needs more memory than there is; use another file")
         pipe.send(answer)
 
 
