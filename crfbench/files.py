@@ -4,6 +4,7 @@ import os
 import secrets
 import zipfile
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 from crfbench.errors import InputError
@@ -21,10 +22,11 @@ def check_sums(path: Path) -> None:
             raise zipfile.BadZipFile(f"wrong checksum of {broken}")
 
 
-def write_atomically(path: str | Path, content: bytes) -> None:
+def write_atomically(path: str | Path, content: bytes, overwrite: bool = True) -> None:
     """Write `content` to a temporary file beside `path`, then rename it into place.
 
     What a symbolic link points to is replaced, not the link. An `OSError` names `path`, where it cannot be written.
+    Without `overwrite`, of two processes that write it at the same time the first one counts.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,6 +36,10 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     try:
         with temporary.open("xb") as file:  # with the permissions that the umask leaves
             file.write(content)
+        if not overwrite:
+            with suppress(OSError):  # a camera's card has no links
+                return os.link(temporary, real)
+            check_new(path, overwrite)
         temporary.replace(real)
     except OSError as error:  # names the file that was asked for, not the temporary one
         raise type(error)(error.errno, error.strerror, str(path)) from None
@@ -50,7 +56,7 @@ def check_new(path: str | Path, overwrite: bool) -> Path:
 
 def write_new(path: str | Path, content: bytes, overwrite: bool) -> None:
     """Write a file, complete or not at all, and replace an older one only where `overwrite` says so."""
-    write_atomically(check_new(path, overwrite), content)
+    write_atomically(check_new(path, overwrite), content, overwrite)
 
 
 def bundled(name: str) -> Path:

@@ -92,6 +92,25 @@ def test_a_full_disk_is_told_for_the_camera_that_met_it(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("content", [[], ["passport.json"]])
+def test_of_two_processes_with_one_folder_the_first_counts(
+    folders: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: list[str]
+) -> None:
+    def meanwhile(_result: object, folder: Path) -> list[Path]:
+        for each, names in ((tmp_path / "bright", content), (folder, ["report.html"])):
+            each.mkdir(parents=True)
+            for name in names:
+                (each / name).touch()
+        return []
+
+    monkeypatch.setattr(many, "calibrate", lambda *_arguments, **_options: None)
+    monkeypatch.setattr(many, "write_outputs", meanwhile)
+    with ThreadPoolExecutor(1) as executor:
+        assert calibrated(folders[:1], tmp_path, executor=executor) == {"bright": ""}
+    assert [path.name for path in tmp_path.iterdir()] == ["bright"]
+    assert [path.name for path in (tmp_path / "bright").iterdir()] == (content or ["report.html"])
+
+
 def test_workers_that_cannot_start_are_told(folders: list[Path], tmp_path: Path) -> None:
     class Unable(ThreadPoolExecutor):
         def submit(self, *_arguments):

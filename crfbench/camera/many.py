@@ -67,8 +67,7 @@ def _calibrate(folder: Path, out: Path, options: dict[str, Any]) -> str:
         with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as part:
             complete = Path(part) / "complete"
             list(write_outputs(result, complete))
-            if not out.exists():  # another process may have been faster
-                complete.rename(out)
+            complete.rename(out)
     except (CrfbenchError, OSError) as error:
-        return str(error)
+        return "" if out.exists() else str(error)  # another process may have been faster
     return ""

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import NormalDist
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ _LEVEL = 0.9  # of the band that is taken from a calibration
 _PART = 2**16  # pixels that are merged at once: they fit into the cache, and need little memory
 _LEAST = 1e-9  # irradiance, and share of it that is uncertain; keeps divisions finite
 _SUFFIXES = (".exr", ".tif", ".tiff", ".hdr")
+_FULL = f"the image cannot be encoded; make room on the disk of {gettempdir()}"
 
 
 class Merged(NamedTuple):
@@ -192,7 +193,10 @@ def _exr(pixels: NDArray[np.float32]) -> bytes:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with TemporaryDirectory() as folder:  # the library writes to files only
         file = Path(folder) / "image.exr"
-        OpenEXR.File(header, {"RGB" if pixels.ndim == 3 else "Y": pixels}).write(str(file))
+        try:
+            OpenEXR.File(header, {"RGB" if pixels.ndim == 3 else "Y": pixels}).write(str(file))
+        except RuntimeError:
+            raise OSError(_FULL) from None
         return file.read_bytes()
 
 
@@ -202,4 +206,7 @@ def _encoded(suffix: str, pixels: NDArray[np.float32]) -> bytes:
     options = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_NONE] if suffix.startswith(".tif") else []
     if suffix == ".hdr" and pixels.ndim == 2:  # a format of three channels
         pixels = np.dstack([pixels] * 3)
-    return bytes(cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)[1].tobytes())
+    done, content = cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)
+    if not done:
+        raise OSError(_FULL)
+    return content.tobytes()
