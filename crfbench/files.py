@@ -26,7 +26,7 @@ def write_atomically(path: str | Path, content: bytes, overwrite: bool = True) -
     """Write `content` to a temporary file beside `path`, then rename it into place.
 
     What a symbolic link points to is replaced, not the link. An `OSError` names `path`, where it cannot be written.
-    Unless `overwrite`, what another process put there meanwhile is kept, and this is an `InputError`.
+    Without `overwrite`, of two processes that write it at the same time the first one counts.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -37,9 +37,8 @@ def write_atomically(path: str | Path, content: bytes, overwrite: bool = True) -
         with temporary.open("xb") as file:  # with the permissions that the umask leaves
             file.write(content)
         if not overwrite:
-            with suppress(OSError):  # of a file system without links
-                os.link(temporary, real)  # which, unlike a rename, replaces nothing
-                return
+            with suppress(OSError):  # a camera's card has no links
+                return os.link(temporary, real)
             check_new(path, overwrite)
         temporary.replace(real)
     except OSError as error:  # names the file that was asked for, not the temporary one

@@ -318,6 +318,20 @@ def test_what_convert_refuses_in_one_sentence(arguments, message, tmp_path, monk
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_a_full_disk_takes_no_converted_response(tmp_path):
+    resource = pytest.importorskip("resource", reason="limits of a process are set another way")
+    write_response(THREE, tmp_path / "passport.json")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
+    try:
+        done = run_command("convert", tmp_path / "passport.json", tmp_path / "a.cube")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"crfbench: {tmp_path / 'a.cube'} cannot be used: File too large\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["passport.json"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(FORMATS) - {"hugin"}))
 def test_a_number_or_line_that_is_wrong_is_read_or_refused_in_one_sentence(name, tmp_path):

@@ -294,6 +294,19 @@ def test_a_folder_that_cannot_be_written(server, folder):
     assert "cannot be written" in refused("one")
 
 
+def test_a_full_disk_is_told_and_leaves_nothing(server, folder):
+    resource = pytest.importorskip("resource", reason="limits of a process are set another way")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(CONTENT["set/0.bin"]) - 1, limits[1]))
+    try:
+        told = refused("one")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "cannot be written (File too large)" in told
+    assert files_in(folder) == []
+    assert len(fetch("one", progress=False)) == 1
+
+
 def test_all_goes_on_after_a_failure(server, folder):
     server.faults["dorf/a.mat"] = "404"
     assert "dorf/a.mat" in refused("all")

@@ -2,11 +2,13 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
+import threading
 
+import numpy as np
 import pytest
 
-from crfbench.camera.photographs import list_photographs
+from crfbench import files
+from crfbench.camera.merging import write_hdr
 from crfbench.errors import InputError
 from crfbench.files import write_atomically, write_new
 
@@ -39,45 +41,94 @@ def test_a_file_that_is_there_is_kept_unless_told(tmp_path):
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_what_another_process_writes_meanwhile_is_kept(tmp_path, monkeypatch, links):
-    """Whether the file system has links or not, as that of a memory card."""
+def test_of_several_that_write_one_file_the_first_counts(tmp_path, monkeypatch, links):
+    """All begin where nothing is there yet, and but one is told that it is not the first."""
+    together, refused = threading.Barrier(4), []
+    check = files.check_new
 
-    looked = Path.exists
+    def check_together(path, overwrite):
+        found = check(path, overwrite)
+        if threading.current_thread() not in seen:
+            seen.add(threading.current_thread())
+            together.wait(20)
+        return found
 
-    def exists(path):
-        there = looked(path)
-        (tmp_path / "a.txt").write_bytes(b"theirs")
-        return there
+    def write(content):
+        try:
+            write_new(tmp_path / "a.txt", content, overwrite=False)
+        except InputError as error:
+            refused.append((content, str(error)))
 
-    def no_links(*_paths):
+    def no_link(*_paths):
         raise PermissionError
 
-    monkeypatch.setattr(Path, "exists", exists)
+    seen = set()
+    monkeypatch.setattr(files, "check_new", check_together)
     if not links:
-        monkeypatch.setattr(os, "link", no_links)
-    with pytest.raises(InputError, match=r"a\.txt exists already.*--force"):
-        write_new(tmp_path / "a.txt", b"ours", overwrite=False)
-    write_new(tmp_path / "b.txt", b"ours", overwrite=False)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.txt": b"theirs", "b.txt": b"ours"}
+        monkeypatch.setattr(os, "link", no_link)
+    threads = [threading.Thread(target=write, args=(1000 * bytes([65 + i]),)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    content = (tmp_path / "a.txt").read_bytes()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert content in [1000 * bytes([65 + i]) for i in range(4)], "whole"
+    if links:
+        assert len(refused) == 3
+        assert all(other != content and "a.txt exists already" in told for other, told in refused)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="processes are ended another way")
-@pytest.mark.parametrize(("step", "overwrite"), [("Path.replace", True), ("os.link", False)])
-def test_a_killed_process_leaves_the_old_file_and_one_that_nothing_reads(tmp_path, step, overwrite):
-    code = f"""import os, signal
+KILLED = """
+import os, signal, sys
 from pathlib import Path
 from crfbench.files import write_new
-{step} = lambda *_paths: os.kill(os.getpid(), signal.SIGKILL)
-write_new("a.png", b"new", {overwrite})"""
-    before = {"a.png": b"old"} if overwrite else {}
-    for name, content in before.items():
-        (tmp_path / name).write_bytes(content)
-    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == -signal.SIGKILL
-    assert {path.name: path.read_bytes() for path in list_photographs(tmp_path)} == before
-    (left,) = tmp_path.glob(".crfbench-*")
-    write_new(tmp_path / "a.png", b"newer", overwrite)
-    assert sorted(tmp_path.iterdir()) == [left, tmp_path / "a.png"]
-    assert (tmp_path / "a.png").read_bytes() == b"newer"
+os.link = Path.replace = lambda *paths: os.kill(os.getpid(), signal.SIGKILL)
+write_new(sys.argv[1], b"new", overwrite=bool(sys.argv[2]))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no such signal")
+@pytest.mark.parametrize("force", ["", "force"])
+def test_a_killed_process_leaves_the_old_file_or_none(tmp_path, force):
+    path = tmp_path / "a.txt"
+    if force:
+        path.write_bytes(b"old")
+    done = subprocess.run([sys.executable, "-c", KILLED, path, force], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert path.exists() == bool(force)
+    assert not force or path.read_bytes() == b"old"
+    write_new(path, b"newer", overwrite=bool(force))
+    assert path.read_bytes() == b"newer"
+    assert [p.name[0] for p in tmp_path.iterdir() if p != path] == ["."], "what is left is hidden"
+
+
+@pytest.fixture
+def full():
+    """Let every file that is larger than 5000 bytes fail, as on a full disk."""
+    resource = pytest.importorskip("resource", reason="limits of a process are set another way")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.usefixtures("full")
+def test_a_full_disk_leaves_the_old_file_and_no_trace(tmp_path):
+    path = tmp_path / "a.txt"
+    write_atomically(path, b"old")
+    with pytest.raises(OSError, match=r"a\.txt"):
+        write_atomically(path, bytes(6000))
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+@pytest.mark.usefixtures("full")
+@pytest.mark.parametrize("name", ["a.exr", "a.tif", "a.hdr"])
+def test_a_full_disk_takes_no_merged_image(tmp_path, name):
+    with pytest.raises(OSError, match=rf"{name}|make room on the disk of"):
+        write_hdr(tmp_path / name, np.random.default_rng(0).random((60, 60, 3)))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_cannot_be_written_is_named_and_leaves_no_trace(tmp_path):

@@ -92,21 +92,23 @@ def test_a_full_disk_is_told_for_the_camera_that_met_it(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_other_processes_in_the_same_folder_are_left_alone(folders: list[Path], tmp_path: Path, monkeypatch) -> None:
-    """One was killed and left what it had begun, hidden; another is faster by as much as the writing takes."""
-    (tmp_path / ".bright-abc" / "complete").mkdir(parents=True)
+@pytest.mark.parametrize("content", [[], ["passport.json"]])
+def test_of_two_processes_with_one_folder_the_first_counts(
+    folders: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: list[str]
+) -> None:
+    def meanwhile(_result: object, folder: Path) -> list[Path]:
+        for each, names in ((tmp_path / "bright", content), (folder, ["report.html"])):
+            each.mkdir(parents=True)
+            for name in names:
+                (each / name).touch()
+        return []
 
-    def faster(_result: object, folder: Path) -> Iterator[Path]:
-        for written in (folder, tmp_path / "bright"):
-            written.mkdir(parents=True)
-            (written / "passport.json").write_text(written.name)
-        yield folder / "passport.json"
-
-    monkeypatch.setattr(many, "write_outputs", faster)
+    monkeypatch.setattr(many, "calibrate", lambda *_arguments, **_options: None)
+    monkeypatch.setattr(many, "write_outputs", meanwhile)
     with ThreadPoolExecutor(1) as executor:
         assert calibrated(folders[:1], tmp_path, executor=executor) == {"bright": ""}
-    assert (tmp_path / "bright" / "passport.json").read_text() == "bright"
-    assert sorted(path.name for path in tmp_path.iterdir()) == [".bright-abc", "bright"]
+    assert [path.name for path in tmp_path.iterdir()] == ["bright"]
+    assert [path.name for path in (tmp_path / "bright").iterdir()] == (content or ["report.html"])
 
 
 def test_workers_that_cannot_start_are_told(folders: list[Path], tmp_path: Path) -> None:
