@@ -50,7 +50,7 @@ def test_of_several_that_write_one_file_the_first_counts(tmp_path, monkeypatch, 
         found = check(path, overwrite)
         if threading.current_thread() not in seen:
             seen.add(threading.current_thread())
-            together.wait(20)
+            together.wait(300)
         return found
 
     def write(content):
