@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from statistics import NormalDist
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from typing import NamedTuple
 
 import numpy as np
@@ -183,29 +183,30 @@ def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) ->
     if not np.isfinite(pixels).all() or pixels.min() < 0:
         raise InputError("the image holds values that are negative or not finite in float32; use radiances from 0")
     check_new(path, overwrite)
-    with TemporaryDirectory() as folder:  # OpenEXR writes to files only, and OpenCV leaves what it writes aside itself
-        file = Path(folder) / f"image{suffix}"
-        if not (_write_exr if suffix == ".exr" else _write_with_opencv)(file, pixels):
-            raise OSError(f"{path} cannot be written: no space in {folder}; make room there")
-        write_new(path, file.read_bytes(), overwrite)
+    if not (content := _exr(pixels) if suffix == ".exr" else _encoded(suffix, pixels)):
+        raise OSError(f"{path} cannot be written: no space in {gettempdir()}; make room there")
+    write_new(path, content, overwrite)
 
 
-def _write_exr(file: Path, pixels: NDArray[np.float32]) -> bool:
+def _exr(pixels: NDArray[np.float32]) -> bytes:
+    """Return a file, or nothing where the disk is full."""
     import OpenEXR
 
     OpenEXR.set_global_thread_count(os.cpu_count() or 1)  # else the compression takes longer than the merge
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with suppress(RuntimeError):  # of a full disk
+    with TemporaryDirectory() as folder, suppress(RuntimeError):  # the library writes to files only
+        file = Path(folder) / "image.exr"
         OpenEXR.File(header, {"RGB" if pixels.ndim == 3 else "Y": pixels}).write(str(file))
-        return True
-    return False
+        return file.read_bytes()
+    return b""
 
 
-def _write_with_opencv(file: Path, pixels: NDArray[np.float32]) -> bool:
+def _encoded(suffix: str, pixels: NDArray[np.float32]) -> bytes:
+    """Return a file, or nothing where the disk is full; not by its path, which OpenCV cannot read on all systems."""
     import cv2
 
-    hdr = file.suffix == ".hdr"
-    options = [] if hdr else [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_NONE]
-    if hdr and pixels.ndim == 2:  # a format of three channels
+    options = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_NONE] if suffix.startswith(".tif") else []
+    if suffix == ".hdr" and pixels.ndim == 2:  # a format of three channels
         pixels = np.dstack([pixels] * 3)
-    return bool(cv2.imwrite(str(file), pixels[..., ::-1] if pixels.ndim == 3 else pixels, options))
+    done, content = cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)
+    return content.tobytes() if done and content is not None else b""

@@ -30,8 +30,8 @@ _MOST_BLOCKS = 2**16  # of a channel that are looked at, evenly over the photogr
 _MOST_CELLS = 2**15  # blocks times photographs of a set; a calibration needs memory for 60 numbers each
 _STRATA = 32  # of equal width in brightness
 _FLATTEST = 0.25  # share of a stratum that is drawn from
-# Of the blocks of each photograph at least so many values count, however much neighbours in brightness repeat how a
-# curve is missed; how much they do is sought among so many, until they are this little alike; far off are some medians.
+# How much a series tells: of each photograph at least so many values; the lags that are looked at, the autocorrelation
+# that is near 0, and the residuals, in medians, that are cut down for it.
 _VALUES, _LAGS, _ALIKE, _OUTLIER = 32.0, 64, 0.05, 6.0
 # Blocks are means of many pixels; in the dark, whole levels and stray light count for more than noise.
 _READING, _FINE = 0.005, 0.1
@@ -283,8 +283,9 @@ def _told(found: Calibration, sentences: Sequence[str]) -> Calibration:
 def _independent(found: Calibration) -> Array:
     """Return the share of the blocks that tell something of their own, (n,), by the autocorrelation of their residuals.
 
-    It is 1 over the sum of the autocorrelations along brightness, from the first lag at which they are near 0 as in
-    Geyer 1992, "Practical Markov chain Monte Carlo", doi:10.1214/ss/1177011137.
+    It is 1 over the integrated autocorrelation time along brightness, 1 + 2 (rho_1 + rho_2 + ...), where the sum ends
+    before the first lag at which rho is near 0; as in Geyer 1992, "Practical Markov chain Monte Carlo",
+    doi:10.1214/ss/1177011137.
     """
     counts = found.observations.counts
     order = np.argsort(np.where(counts, found.observations.brightness, np.inf), axis=2, kind="stable")
