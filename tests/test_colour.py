@@ -64,7 +64,7 @@ def found(pairs):
 
 
 def test_dark_photographs_give_no_camera_turned_round():
-    """Steps of the fit from far off must not end beyond 0, where all is black; most bands hold what was not seen."""
+    """Steps of the fit from far off must not end beyond 0, where all is black; bands hold what was not seen."""
     rng = np.random.default_rng(1)
     raw = photographs(rng, n=10, places=80, exposures=[0.1, 0.05])
     dark = calibrate_colour(developed(raw, load_opencrf().curves[4::15], rng), raw, scatter=0.005)
@@ -72,7 +72,8 @@ def test_dark_photographs_give_no_camera_turned_round():
     inverse = load_opencrf().in_direction("inverse")[4::15].repeat(3, axis=0)
     low, high = dark.calibration.bands[0.9]
     held = ((low <= inverse + 1e-9) & (inverse <= high + 1e-9)).mean(axis=1).reshape(-1, 3).mean(axis=1)
-    assert np.sort(held)[1] > 0.9
+    assert held.mean() > 0.8
+    assert np.median(held) > 0.9
 
 
 def off(found, index=slice(None)):

@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal, norm
 import crfbench
 from crfbench.calibration import Noise, Observations, calibrate, decode_table, learn_discrepancy, learning
 from crfbench.calibration import mixture as mixtures
+from crfbench.calibration.calibrate import LEVELS
 from crfbench.calibration.learning import fit_discrepancy
 from crfbench.calibration.mixture import Family, Readings, solve, typical_slope
 from crfbench.calibration.posterior import Posterior, drawn_samples, exact_samples
@@ -24,10 +25,6 @@ from tests.support.observing import MODELS, ready, unclipped
 
 FILMS = crfbench.load_responses("opencrf")
 STOPS = np.arange(4.0)
-# One power of brightness is far from most curves; its band holds less than it says.
-_LEAST = {"Polynomial-1": 0.7}
-# Of the others some know these films already, and SLR-monotone-1 and PPISP-4 fit some of them better by themselves.
-_BETTER = ("SLR-ldl-1", "SLR-ldl-3", "Gamma-1")
 
 
 def shoot(responses, seed):
@@ -66,6 +63,7 @@ ALL_COUNT = Noise(repeats=1.0)
 @pytest.fixture
 def narrower(monkeypatch):
     monkeypatch.setattr(mixtures, "_UNKNOWN", WIDE)
+    monkeypatch.setattr(mixtures, "_BELOW_WHITE", ())
 
 
 def toy(known, seed=0, clipped=()):
@@ -221,6 +219,45 @@ def test_two_clipped_patches_are_censored_nearly_as_sampling_tells(narrower):
     share = found.weight[0, ::16] / found.weight[0, ::16].sum()
     assert np.allclose(share, np.array(probabilities) / np.sum(probabilities), rtol=0.2)
     assert np.max(off) < 0.3
+
+
+def test_irradiance_below_that_of_white_is_told_of_every_term(narrower, monkeypatch):
+    """As by a reading without noise: exact in probability and mean."""
+    family, seen = toy(("exposures",))
+    before = solve(seen, ALL_COUNT, family, np.zeros((1, 5, 1)))
+    monkeypatch.setattr(mixtures, "_BELOW_WHITE", (58,))
+    found = solve(seen, ALL_COUNT, family, np.zeros((1, 5, 1)))
+    weights = []
+    for i, (j, c) in enumerate(zip(found.which[0][0], found.which[3][0], strict=True)):
+        root = family.basis[58] @ before.root[0, j]
+        mean = family.mean[58] + family.basis[58] @ family.components[0, c] + root @ before.z[0, i]
+        along = before.deviation[0, i] ** 2 * root
+        deviation = np.sqrt(along @ root)
+        weights.append(norm.cdf(-mean / deviation))
+        moved = before.z[0, i] - along / deviation * norm.pdf(mean / deviation) / weights[-1]
+        assert np.allclose(found.z[0, i], moved, atol=1e-3)
+    assert np.allclose(found.weight[0], np.array(weights) / np.sum(weights), atol=1e-5)
+    assert np.ptp(weights) > 0.01
+
+
+def test_components_and_kernel_are_led_to_white():
+    """As a normal distribution is by a reading of its last value, added to its precision."""
+    rng = np.random.default_rng(0)
+    factor, logs = rng.standard_normal((8, 8)), rng.standard_normal((3, 8))
+    led, left = mixtures._with_white(logs, factor @ factor.T)
+    precision, reading = np.linalg.inv(factor @ factor.T), np.zeros((8, 8))
+    reading[-1, -1] = mixtures._WHITE**-2
+    assert np.allclose(left, np.linalg.inv(precision + reading))
+    assert np.allclose(led, logs @ precision @ left)
+
+
+def test_a_family_that_misses_white_is_led_there():
+    """One power of brightness has no white of its own, and a chart without RAW does not tell where it lies."""
+    model, table = ready("Polynomial-1")
+    told, seen = observe("24 patches", *shoot(FILMS.curves[::5], 5))
+    found, truth = calibrate(model, seen, table=table), invert(FILMS.curves[::5][told])
+    assert rmse(found.curves, truth).mean() < 0.03
+    assert rmse(calibrate(model, seen, discrepancy=False, table=table).curves, truth).mean() > 0.1
 
 
 def test_draws_lie_about_the_most_probable_curve():
@@ -436,12 +473,16 @@ def simulated(name, n=300, patches=8, seed=6):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SLR-ldl-1", "Gamma-1"])
-def test_bands_cover_as_they_say_what_the_model_itself_draws(name):
+def test_quantiles_cover_as_they_say_what_the_model_itself_draws(name, monkeypatch):
+    """The posterior's own, before what is known of all cameras and how far real curves lie from such draws."""
+    monkeypatch.setattr(mixtures, "_BELOW_WHITE", ())
+    monkeypatch.setattr(mixtures, "_WHITE_STEP", 0.0)
     model, table = ready(name)
     truth, seen = simulated(name)
     truth = from_knots(np.minimum(np.sort(truth, axis=1), 0.0))
     found = calibrate(model, seen, "posterior", noise=ALL_COUNT, table=table)
-    for level, (low, high) in found.bands.items():
+    for level in LEVELS:
+        low, high = found.samples.quantiles((0.5 - level / 2, 0.5 + level / 2))
         inside = ((low <= truth) & (truth <= high))[:, 40:-40:16]
         assert abs(inside.mean() - level) < 0.05
 
@@ -477,8 +518,8 @@ class TestPosterior:
     def same(self, first, second, tolerance=1e-5):
         assert np.allclose(first.curves, second.curves, atol=tolerance)
         assert np.allclose(first.bands[0.9], second.bands[0.9], atol=tolerance)
-        assert np.allclose(first.samples.log_evidence, second.samples.log_evidence, atol=1e-5)
-        assert np.allclose(first.noise_scale, second.noise_scale, rtol=1e-5)
+        assert np.allclose(first.samples.log_evidence, second.samples.log_evidence, atol=tolerance)
+        assert np.allclose(first.noise_scale, second.noise_scale, rtol=max(tolerance, 1e-5))
 
     def test_units_and_the_zero_of_exposures(self, name, seen):
         bright, reference, stops = seen
@@ -535,12 +576,12 @@ def check_bands(name, how, some):
     inside = {
         level: np.mean((low[:, 4::8] <= truth) & (truth <= high[:, 4::8])) for level, (low, high) in found.bands.items()
     }
-    assert _LEAST.get(name, 0.82) < inside[0.9] < 0.995
-    assert 0.38 < inside[0.5] < 0.85
-    if name in _BETTER:
-        family_alone = calibrate(model, seen, "map", discrepancy=False, table=table)
-        ours, theirs = (rmse(each.curves, invert(responses[told])).mean() for each in (found, family_alone))
-        assert ours < 1.1 * theirs
+    assert 0.85 < inside[0.9] < 0.99
+    assert 0.42 < inside[0.5] < 0.76  # wider than asked where films are smoother than DoRF curves
+    family_alone = calibrate(model, seen, "map", discrepancy=False, table=table)
+    ours, theirs = (rmse(each.curves, invert(responses[told])).mean() for each in (found, family_alone))
+    # PPISP-4 was made for curves such as these.
+    assert ours < (1.3 if name == "PPISP-4" else 1.05) * theirs
 
 
 def test_plentiful_data_lead_out_of_the_family():

@@ -17,6 +17,9 @@ readings and y = o - mu(b): A = G'PG, h = G'Py, B'AB = U diag(l) U', and for k =
 
 One Gram matrix and one eigenbasis for each ratio serve all components, scales and noise levels.
 
+Two things hold for every camera, whatever its family: white is all the light, which components and B are conditioned on
+beforehand, and below white there is less, by which every term is weighed afterwards.
+
 Channels of one camera share v: channel c has v + H_c1 F w_1 + H_c2 F w_2 in its place, with H the orthonormal contrasts
 of red, green and blue, F what channels differ by and w ~ N(0, (a q)^2 I). The state is then (v, w_1, w_2), and the Gram
 matrices of the channels add up.
@@ -41,11 +44,17 @@ from crfbench.models.base import SCALES, Discrepancy, at_knots, between_knots, f
 Indices = NDArray[np.intp]
 
 _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
+# Chosen by held-out DoRF curves: the standard deviation of log irradiance with which white is told, and the knots, at
+# brightness 0.86 and 0.93, that are told to have less.
+_WHITE, _BELOW_WHITE = 0.06, (50, 54)
 _RANK = 24  # of the basis; what is finer is `Noise.fine`
 _POWER = 0.001  # relative standard deviation of the power that exposures tell
 _MOST_STRETCH = 0.1
 _APART, _APART_WITH_RAW = 0.08, 0.02  # colour at which a patch counts half, where RAW tells the others well less
 _STEP = 4  # rows
+# Standard deviation, in log, of the last step to white, where no reading lies and only known irradiances would tell it:
+# so that 90 % of DoRF curves step by no more than a normal distribution lets expect.
+_WHITE_STEP = 0.016
 _TERMS = 256  # of the mixture that are kept for each set
 
 # By what the data may scale the noise of readings, and the other errors over it; both log-normal.
@@ -89,7 +98,8 @@ class Family(NamedTuple):
     @classmethod
     def of(cls, logs: Array, log_weight: Array, discrepancy: Discrepancy) -> "Family":
         """Find the basis that holds components (c, 64), of log weights (c,), and a discrepancy best."""
-        kernel, weight = discrepancy.kernel(), np.exp(log_weight - logsumexp(log_weight))
+        logs, kernel = _with_white(logs, discrepancy.kernel())
+        weight = np.exp(log_weight - logsumexp(log_weight))
         mean = weight @ logs
         spread = (logs - mean).T @ (weight[:, None] * (logs - mean)) + kernel
         basis = np.linalg.eigh(spread)[1][:, ::-1][:, :_RANK]
@@ -107,6 +117,12 @@ class Family(NamedTuple):
         factors = np.stack([block_diag(self.factors[0], scale * np.eye(more)) for scale in SCALES])
         components = np.pad(self.components, [(0, 0), (0, 0), (0, more)])
         return self._replace(components=components, factors=factors, channel_weight=difference.scale_weight, maps=maps)
+
+
+def _with_white(logs: Array, kernel: Array) -> tuple[Array, Array]:
+    """Condition components (c, 64) and kernel on what holds for every camera: white is all the light."""
+    gain = kernel[-1] / (kernel[-1, -1] + _WHITE**2)
+    return logs - logs[:, -1:] * gain, kernel - gain[:, None] * kernel[-1]
 
 
 class _Eliminated(NamedTuple):
@@ -237,7 +253,7 @@ class Readings:
         return found
 
 
-#: The posterior in the eigenbasis of one ratio: l (m, s), B U (m, s, s), y (m, s, c) and R (m, c).
+#: The posterior in the eigenbasis of one ratio: l (m, s), U (m, s, s), y (m, s, c) and R (m, c).
 _Solved = tuple[Array, Array, Array, Array]
 
 
@@ -247,7 +263,7 @@ def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
     v = np.swapaxes(family.components, 1, 2)
     left = found.h[..., None] - found.a @ v
     square = found.square[:, None] - (v * (found.h[..., None] + left)).sum(axis=1)
-    return np.maximum(values, 0.0), root, np.swapaxes(root, 1, 2) @ left, np.maximum(square, 0.0)
+    return np.maximum(values, 0.0), vectors, np.swapaxes(root, 1, 2) @ left, np.maximum(square, 0.0)
 
 
 def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) -> Array:
@@ -275,9 +291,14 @@ class Mixture:
     which: tuple[Indices, ...]  # ratio with scale of channels, level, scale and component of each term, (m, t) each
     z: Array  # shape (m, t, s); mean of the discrepancy in the coordinates of `root`
     deviation: Array  # shape (m, t, s); its standard deviation
-    root: Array  # shape (m, ratios x q, s, s); B U
+    vectors: Array  # shape (m, ratios x q, s, s); U
     weight: Array  # shape (m, t); by clipped patches
     log_evidence: Array  # shape (m,)
+
+    @property
+    def root(self) -> Array:
+        """Return B U, the coordinates of `z` in the basis, shape (m, ratios x q, s, s)."""
+        return np.asarray(np.tile(self.family.factors, (len(_RATIOS), 1, 1)) @ self.vectors)
 
     @property
     def noise_level(self) -> Array:
@@ -292,18 +313,23 @@ class Mixture:
         logs = self._at_knots(chosen.of_terms(self.family.components) + chosen._state(chosen.z))
         return np.minimum(np.median(np.sort(logs, axis=2), axis=1), 0.0)
 
-    def draw(self, seed: int) -> PosteriorSamples:
-        """Draw rising curves, all equally likely.
+    def draw(self, seed: int, white: float) -> PosteriorSamples:
+        """Draw rising curves, all equally likely, whose last step to white errs by the standard deviation `white`.
 
         Rising by rearrangement, which brings every curve, mean and band nearer to any rising truth (Chernozhukov,
         Fernandez-Val and Galichon 2009, doi:10.1093/biomet/asp030).
         """
         chosen = self._even(_TERMS // 2)
-        normal = np.random.default_rng(seed).standard_normal(chosen.z.shape[1:])
+        rng = np.random.default_rng(seed)
+        normal = rng.standard_normal(chosen.z.shape[1:])
         centre = chosen.of_terms(self.family.components) + chosen._state(chosen.z)
-        off = chosen._state(chosen.deviation * normal)
+        # Turned into the eigenvectors, so that their signs, which rounding may change, do not matter.
+        off = chosen._state(chosen.deviation * chosen._turned(normal, np.swapaxes(self.vectors, 2, 3)))
         # Each draw with its mirror image: the mean of the draws is then that of the terms.
-        logs = np.minimum(np.sort(self._at_knots(np.concatenate([centre + off, centre - off], axis=1)), axis=2), 0.0)
+        logs = self._at_knots(np.concatenate([centre + off, centre - off], axis=1))
+        step = white * rng.standard_normal(len(normal))
+        logs[..., :-1] += np.concatenate([step, -step])[:, None]
+        logs = np.minimum(np.sort(logs, axis=2), 0.0)
         curves = from_knots(logs.astype(np.float32))
         order = np.argsort(np.swapaxes(curves[:, :, BAND_SAMPLES], 1, 2), axis=2)
         channels = len(self.family.maps)
@@ -318,9 +344,13 @@ class Mixture:
 
     def _state(self, z: Array) -> Array:
         """Return the state of discrepancies (m, t, s) in the coordinates of `root`."""
-        out = np.zeros_like(z)
+        return self._turned(z, self.root)
+
+    def _turned(self, z: Array, matrices: Array) -> Array:
+        """Return vectors (m or 1, t, s) times the matrix (m, ratios x q, s, s) of each term, (m, t, s)."""
+        out = np.zeros((*self.which[0].shape, z.shape[-1]))
         for j in np.unique(self.which[0]):
-            out += ((self.which[0] == j)[..., None] * z) @ np.swapaxes(self.root[:, j], 1, 2)
+            out += ((self.which[0] == j)[..., None] * z) @ np.swapaxes(matrices[:, j], 1, 2)
         return out
 
     def _at_knots(self, state: Array) -> Array:
@@ -366,7 +396,7 @@ def marginalised(
         if nearest is not None:
             z, own = _with_near_rows(model, nearest[cameras], table, family, seed)
         mixture = solve(some, noise, own if difference is None else own.with_channels(difference), z)
-        samples = mixture.draw(seed) if with_samples else None
+        samples = mixture.draw(seed, 0.0 if some.absolute else _WHITE_STEP) if with_samples else None
         curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
         found.append((*(np.repeat(a, channels, axis=0) for a in (mixture.best, mixture.noise_level)), curves, samples))
     best, scale, curves, parts = zip(*found, strict=True)
@@ -402,6 +432,9 @@ def solve(observations: Observations, noise: Noise, family: Family, unconstraine
     for patch in readings.told():
         for channel in range(len(family.maps)):
             mixture = _with_clipped(mixture, readings, found, patch, channel)
+    for knot in _BELOW_WHITE:
+        for channel in range(len(family.maps)):
+            mixture = _with_less_than_all(mixture, knot, channel)
     total = mixture.weight.sum(axis=1)
     evidence = mixture.log_evidence + np.log(total)
     return replace(mixture, weight=mixture.weight / total[:, None], log_evidence=evidence)
@@ -419,11 +452,11 @@ def _terms(logs: Array, solved: list[_Solved], family: Family, unconstrained: Ar
     chosen = np.stack([np.searchsorted(row, at * row[-1]) for row in total])
     j, t, a, c = np.unravel_index(chosen, logs.shape[1:])
     k = (SCALES[a] / _LEVELS[t])[..., None]
-    values, root, y, _ = (np.stack(parts, axis=1) for parts in zip(*solved, strict=True))
+    values, vectors, y, _ = (np.stack(parts, axis=1) for parts in zip(*solved, strict=True))
     spread = 1.0 + k**2 * values[rows, j]
     z, deviation = k**2 * y[rows, j, :, c] / spread, SCALES[a][..., None] / np.sqrt(spread)
     even = np.full(chosen.shape, 1.0 / _TERMS)
-    return Mixture(family, unconstrained, best, (j, t, a, c), z, deviation, root, even, most + np.log(total[:, -1]))
+    return Mixture(family, unconstrained, best, (j, t, a, c), z, deviation, vectors, even, most + np.log(total[:, -1]))
 
 
 def _with_clipped(
@@ -444,11 +477,30 @@ def _with_clipped(
     scales, rows = len(mixture.family.factors), np.arange(len(sets))[:, None]
     state = np.repeat(line[..., :-1] @ readings.maps[channel], scales, axis=1)
     line, noise = np.repeat(line[..., -1], scales, axis=1), np.repeat(noise, scales, axis=1)
+    return _censored(mixture, state, line[rows, j], _LEVELS[t] ** 2 * noise[rows, j], told, sign)
+
+
+def _with_less_than_all(mixture: Mixture, knot: int, channel: int) -> Mixture:
+    """Weigh every term by the probability that the irradiance at a knot is less than that of white, and move it."""
+    family, (m, j, s, _) = mixture.family, mixture.vectors.shape
+    state = np.broadcast_to(family.basis[knot] @ family.maps[channel], (m, j, s))
+    line = np.full_like(mixture.weight, -family.mean[knot])
+    return _censored(mixture, state, line, np.full_like(line, 1e-9), np.ones(m, dtype=bool), 1.0)
+
+
+def _censored(
+    mixture: Mixture, state: Array, line: Array, noise: Array, told: NDArray[np.bool_], sign: float
+) -> Mixture:
+    """Weigh terms by the probability that what the state (m, ratios x q, s) tells, with noise (m, t), is below a line.
+
+    Or above it, where the `sign` is -1; only the sets that are `told` (m,).
+    """
+    rows, j = np.arange(len(told))[:, None], mixture.which[0]
     here = (state[:, :, None] @ mixture.root)[:, :, 0][rows, j]
     spanned = mixture.deviation**2 * here
-    total = np.sqrt(_LEVELS[t] ** 2 * noise[rows, j] + (spanned * here).sum(axis=2))
+    total = np.sqrt(noise + (spanned * here).sum(axis=2))
     centre = (state @ np.swapaxes(mixture.family.components, 1, 2))[rows, j, mixture.which[3]]
-    margin = sign * (line[rows, j] - centre - (here * mixture.z).sum(axis=2)) / total
+    margin = sign * (line - centre - (here * mixture.z).sum(axis=2)) / total
     log_p = log_ndtr(margin)
     # phi / Phi, the slope of log Phi, in logarithms because both vanish far out.
     mills = np.exp(np.clip(-0.5 * margin**2 - 0.5 * np.log(2 * np.pi) - log_p, -50, 50))
