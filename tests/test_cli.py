@@ -258,8 +258,12 @@ def test_tables_writes_every_table_and_figure(tmp_path, monkeypatch):
     # Fewer of the same rows: each of them has a test of its own.
     few = (ModelKey("SLR", "ldl", 1), ModelKey("EMoR", "", 3))
     monkeypatch.setattr(figures, "calibration_table", partial(figures.calibration_table, rows=few))
-    monkeypatch.setattr(stability, "ROWS", stability.ROWS[:1])
-    monkeypatch.setattr(figures, "stability_table", partial(figures.stability_table, triples=1))
+    monkeypatch.setattr(calibration, "ROWS", few)
+    stable = partial(figures.stability_table, rows=stability.ROWS[:1], triples=1)
+    monkeypatch.setattr(figures, "stability_table", stable)
+    monkeypatch.setattr(figures, "fitting_tables", partial(figures.fitting_tables, directions=("forward",)))
+    shown = {name: figures.PAPER_FIGURES[name] for name in ("figure_2", "table_2", "algorithm_1")}
+    monkeypatch.setattr(figures, "PAPER_FIGURES", shown)
     done = run_command("tables", "--out", tmp_path / "new folder")
     assert done.returncode == 0, done.stderr
     written = {path.name for path in (tmp_path / "new folder").iterdir()}

@@ -98,8 +98,9 @@ def test_reads_well_everywhere(page, name, width, scheme):
 def test_no_page_scrolls_sideways_at_200_and_400_percent(page, site: Path):
     names = sorted(str(path.relative_to(site)) for path in site.rglob("*.html"))
     assert len(names) > 100
+    pages, reference = ([name for name in names if name.startswith("api/") == made] for made in (False, True))
     wide = []
-    for name in names:
+    for name in pages + reference[::6]:  # of the reference, one template makes all
         page.goto(name)
         if page.locator("script[type='application/json']").count():
             page.locator(".crf").first.wait_for()
