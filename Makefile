@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: lab test test-all test-quick checks widgets coverage tables bench notebooks site lock clean
+.PHONY: lab test test-all test-quick checks widgets coverage tables bench notebooks site lock release clean
 
 lab: $(READY)
 	$(BIN)/crfbench lab notebooks
@@ -69,8 +69,17 @@ site: $(READY)
 lock: $(READY)
 	$(BIN)/pip freeze --exclude-editable | sed 's/+[a-z0-9]*$$//' | grep -vE '^(nvidia-|cuda-|triton)' > requirements.lock
 
+# What is published, in dist: both archives, checked, and the bill of materials (SBOM) of what the lock installs.
+release: $(READY)
+	rm -rf dist
+	$(PYTHON) -m venv $(VENV)/release
+	$(VENV)/release/bin/pip install --quiet build twine cyclonedx-bom
+	$(VENV)/release/bin/python -m build --outdir dist .
+	$(VENV)/release/bin/twine check --strict dist/*
+	$(VENV)/release/bin/cyclonedx-py environment --output-reproducible --output-file dist/sbom.json $(BIN)/python
+
 clean:
-	rm -rf $(VENV) node_modules results site
+	rm -rf $(VENV) node_modules results site dist
 
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; v >= (3, 11) and v < (3, 14) or sys.exit(f"crfbench needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}; choose one with: make PYTHON=python3.12 $(MAKECMDGOALS)")'
