@@ -1,3 +1,6 @@
+import json
+from pathlib import Path
+
 from crfbench import lab
 
 
@@ -31,3 +34,9 @@ def test_environment_and_data_tables():
     data = lab.data_table().set_index("key")
     assert data.loc["opencrf", "present"] == "bundled"
     assert "where" not in data
+
+
+def test_scripts_of_the_environment_are_no_modules():
+    """JupyterLab asks one in .venv, below package.json, and shows all its text where Node takes it for a module."""
+    root = Path(__file__).parents[1]
+    assert "type" not in json.loads((root / "package.json").read_text(encoding="utf-8"))
