@@ -409,14 +409,15 @@ def _print_tables(
 
 
 def _aligned(column: "Series[Any]") -> "Series[Any]":
-    """Write the numbers of a column with the digits that give the largest three, or as the paper writes 3.60E-2."""
+    """Write the numbers of a column with digits that give the largest three, or the least, or as the paper: 3.60E-2."""
     from crfbench.paper.verdicts import scientific
 
     if column.dtype.kind != "f" or not column.any():
         return column
     sizes = column.abs()[column != 0].dropna()
-    digits = max(0, 2 - math.floor(math.log10(sizes.max())))
-    write = scientific if sizes.max() > 30 * sizes.min() else f"{{:.{digits}f}}".format
+    wide = sizes.max() > 30 * sizes.min()
+    digits = max(0, 2 - math.floor(math.log10(sizes.min() if wide else sizes.max())))
+    write = scientific if wide and sizes.min() < 0.01 else f"{{:.{digits}f}}".format
     return column.map(write, na_action="ignore").fillna("-")
 
 

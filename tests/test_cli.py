@@ -82,10 +82,12 @@ def test_numbers_of_a_column_are_aligned_and_none_is_lost(capsys):
     from crfbench.cli import _print_tables
 
     table = pd.DataFrame({"model": list("abc"), "like": [0.25, 0.5, None], "far": [1e-7, 1.0, 0.0], "zero": [0.0] * 3})
-    _print_tables({"title": table}, as_json=False, columns=("model", "like", "far"))
+    table["wide"] = [0.0348, 38.6, None]
+    _print_tables({"title": table}, as_json=False, columns=("model", "like", "wide", "far"))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split() for line in lines[1:5]] == [
-        ["model", "like", "far"], ["a", "0.250", "1.00E-7"], ["b", "0.500", "1.00E0"], ["c", "-", "0.00E0"],
+        ["model", "like", "wide", "far"], ["a", "0.250", "0.0348", "1.00E-7"], ["b", "0.500", "38.6000", "1.00E0"],
+        ["c", "-", "-", "0.00E0"],
     ]  # fmt: skip
 
 
