@@ -180,7 +180,7 @@ def _show(output: NotebookNode, name: str, source: str, heading: str) -> None:
     if "text/markdown" in data:
         data["text/markdown"] = _page_links(data["text/markdown"])
     if "application/vnd.jupyter.widget-view+json" in data:
-        output.data = NotebookNode({"text/html": _widget(data["text/plain"], name, data.get("text/html", ""))})
+        output.data = NotebookNode({"text/html": _widget(data, name)})
     elif "<table" in data.get("text/html", ""):
         data["text/html"] = _scrolling(_table(data["text/html"]), f"Table of {name}")
     elif "image/png" in data:
@@ -229,8 +229,8 @@ def _align(table: Tag) -> None:
                 row[i]["class"] = "number"
 
 
-def _widget(plain: str, name: str, stored: str) -> str:
-    kind = plain.split("(", maxsplit=1)[0]
+def _widget(data: NotebookNode, name: str) -> str:
+    kind, stored = data["text/plain"].split("(", maxsplit=1)[0], data.get("text/html", "")
     if kind in LIVING:
         return island(LIVING[kind](), name=name)
     if frame := BeautifulSoup(stored, "html.parser").iframe:  # a page of the widget, from which it moves into this one
@@ -239,9 +239,17 @@ def _widget(plain: str, name: str, stored: str) -> str:
         )
         return f"<div></div>\n{content[0].replace('content', name, 1)}" if content else ""
     what = f"<code>{html.escape(kind)}</code>" if kind.isidentifier() else "A progress bar"
-    still = STILL.get(kind, lambda: "")()
+    stills = [_still(kind, media, content) for media, content in data.items() if media.startswith("image/")]
+    still = STILL[kind]() if kind in STILL else "".join(stills)
     advice = "works with Python only: open this notebook with <code>make lab</code>."
     return f'<p class="needs-python">{what} {advice}</p>{still}'
+
+
+def _still(kind: str, media: str, content: str) -> str:
+    """Return the picture that a widget left; a photograph keeps its colours on a dark page, a drawing does not."""
+    look = ' class="as-it-is"' if media == "image/jpeg" else ""
+    text = f"{kind} as it stood at the end of its cell; the text tells what to do with it"
+    return f'<img{look} alt="{text}" src="data:{media};base64,{content.strip()}">'
 
 
 def _figure_text(source: str, heading: str) -> str:

@@ -183,6 +183,10 @@ def test_widgets_live_or_say_what_they_need(site, pages):
         page = pages[site / f"notebooks/{path.stem}.html"]
         assert len([s for s in page.all("script") if s.get("type") == "application/json"]) == living, path.name
         assert len([p for p in page.all("p") if p.get("class") == "needs-python"]) == len(plain) - living, path.name
+        left = sum(any(kind.startswith("image/") for kind in o.data) and "widget-view" in str(o.data) for o in outputs)
+        assert len([i for i in page.all("img") if "as it stood" in i["alt"]]) + (path.stem[0] in "01") == left, (
+            path.name
+        )
 
 
 @pytest.mark.slow
