@@ -519,7 +519,7 @@ class TestPosterior:
         assert np.allclose(first.curves, second.curves, atol=tolerance)
         assert np.allclose(first.bands[0.9], second.bands[0.9], atol=tolerance)
         assert np.allclose(first.samples.log_evidence, second.samples.log_evidence, atol=tolerance)
-        assert np.allclose(first.noise_scale, second.noise_scale, rtol=max(tolerance, 1e-5))
+        assert np.allclose(first.noise_scale, second.noise_scale, rtol=tolerance)
 
     def test_units_and_the_zero_of_exposures(self, name, seen):
         bright, reference, stops = seen
