@@ -94,6 +94,16 @@ def test_what_the_page_sent_before_python_spoke_is_refused(explorer: LatentExplo
     assert explorer.latent == 2.0
 
 
+def test_one_message_tells_the_page_all_that_a_move_of_its_own_may_have_changed(
+    explorer: LatentExplorer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = []
+    monkeypatch.setattr(explorer, "_send", lambda message, buffers: told.append(message["state"]))
+    # Meanwhile the page has chosen a model of three latents, which is refused: its latent must go back to one.
+    explorer.model = "SLR-ldl-1-forward"
+    assert told == [{"model": "SLR-ldl-1-forward", "latent": 0.0, "_python_moves": explorer._python_moves}]
+
+
 def test_python_counts_its_move_while_another_thread_takes_one_of_the_page(explorer: LatentExplorer) -> None:
     before = explorer._python_moves
     taking, said = threading.Event(), threading.Event()

@@ -28,11 +28,15 @@ class LivingWidget(StoredWidget):
     _moved_by_both: frozenset[str] = frozenset()
 
     def notify_change(self, change: Any) -> None:
-        """Count Python's moves; the page hears of the move and of its number in one message."""
+        """Count Python's moves; the page hears of the move and of its number in one message.
+
+        The message has all that both move: what the page had under way and is not taken may have changed the rest.
+        """
         if change["name"] in self._moved_by_both and not self._receiving:
             with self.hold_sync():
                 self._python_moves += 1
                 super().notify_change(change)
+                self._states_to_send |= self._moved_by_both
         else:
             super().notify_change(change)
 

@@ -65,15 +65,20 @@ def open_notebook(new_context: Callable, lab: Lab) -> Iterator[Callable]:
 
 @pytest.fixture(scope="session")
 def run_python() -> Callable:
-    """Return a function that runs code in the page's kernel and gives what it prints."""
+    """Return a function that runs code in the page's kernel and gives what it prints; an exception fails the test."""
 
     def run(page, code: str) -> str:
         return page.evaluate(
             """async (code) => {
                 const future = KERNEL.requestExecute({ code });
                 let text = "";
-                future.onIOPub = ({ content }) => (text += content.text ?? content.evalue ?? "");
+                let raised = "";
+                future.onIOPub = ({ content }) => {
+                    text += content.text ?? "";
+                    raised += content.traceback?.join("\\n") ?? "";
+                };
                 await future.done;
+                if (raised) throw new Error(raised);
                 return text;
             }""".replace("KERNEL", KERNEL),
             code,
