@@ -25,6 +25,7 @@ of red, green and blue, F what channels differ by and w ~ N(0, (a q)^2 I). The s
 matrices of the channels add up.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -163,6 +164,11 @@ class Readings:
         self.variance = read + noise.fine**2
         counted = observations.counts * self.weights
         self.precision = counted / self.variance
+        # What no ratio changes: sums over photographs and over patches, and Gram matrices.
+        self.by_patch = np.einsum("nep,nepk->npk", self.precision, self.columns)
+        self.by_photograph = np.einsum("nep,nepk->nek", self.precision, self.columns)
+        flat = (np.sqrt(self.precision)[..., None] * self.columns).reshape(len(b), -1, self.columns.shape[-1])
+        self.gram = np.swapaxes(flat, 1, 2) @ flat
         self.freedom = np.maximum(degrees(observations) * self.independent, 1.0)
         # The density of a brightness is that of log irradiance times the slope, where the noise is the brightness's.
         share = self.freedom / counted.sum(axis=(1, 2))
@@ -209,20 +215,19 @@ class Readings:
 
     def eliminate(self, ratio: float) -> _Eliminated:
         """Eliminate references, then exposures; see `crfbench.calibration.posterior.Likelihood`."""
-        w, d = self.precision, self.columns
-        n, e, p, k = d.shape
+        w, by_patch = self.precision, self.by_patch
+        n, e, p = w.shape
+        k = by_patch.shape[-1]
         error = ratio * self.observations.reference_error
         errors = error**2 if self.observations.reference is not None else np.full((n, p), _UNKNOWN**2)
         prior = self.exposure_prior(ratio)
         share = 1.0 / (w.sum(axis=1) + 1.0 / errors)
-        by_patch = np.einsum("nep,nepk->npk", w, d)
         crossed = w * share[:, None]
         own = np.eye(e) * w.sum(axis=2)[:, None] - crossed @ np.swapaxes(w, 1, 2) + prior
-        h = np.einsum("nep,nepk->nek", w, d) - crossed @ by_patch
+        h = self.by_photograph - crossed @ by_patch
         exposures = np.linalg.solve(own, h)
-        flat = (np.sqrt(w)[..., None] * d).reshape(n, e * p, k)
         scaled = np.sqrt(share)[..., None] * by_patch
-        gram = np.swapaxes(flat, 1, 2) @ flat - np.swapaxes(scaled, 1, 2) @ scaled - np.swapaxes(h, 1, 2) @ exposures
+        gram = self.gram - np.swapaxes(scaled, 1, 2) @ scaled - np.swapaxes(h, 1, 2) @ exposures
         log_det = np.log(errors / share).sum(axis=1) + np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
         references = share[..., None] * (by_patch - np.swapaxes(w, 1, 2) @ exposures)
         a, maps = gram[:, :-1, :-1].reshape(-1, len(self.maps), k - 1, k - 1), self.maps
@@ -253,32 +258,40 @@ class Readings:
         return found
 
 
-#: The posterior in the eigenbasis of one ratio: l (m, s), U (m, s, s), y (m, s, c) and R (m, c).
-_Solved = tuple[Array, Array, Array, Array]
+class _Solved(NamedTuple):
+    """The posterior in the eigenbasis of every ratio with every scale of channels; m cameras, j of these."""
 
+    values: Array  # shape (m, j, s); l
+    vectors: Array  # shape (m, j, s, s); U
+    y: Array  # shape (m, j, s, c)
+    square: Array  # shape (m, j, c); R
+    log_det: Array  # shape (m, j)
 
-def _diagonalised(found: _Eliminated, factor: Array, family: Family) -> _Solved:
-    values, vectors = np.linalg.eigh(factor.T @ found.a @ factor)
-    root = factor @ vectors
-    v = np.swapaxes(family.components, 1, 2)
-    left = found.h[..., None] - found.a @ v
-    square = found.square[:, None] - (v * (found.h[..., None] + left)).sum(axis=1)
-    return np.maximum(values, 0.0), vectors, np.swapaxes(root, 1, 2) @ left, np.maximum(square, 0.0)
+    @classmethod
+    def of(cls, found: list[_Eliminated], family: Family) -> "_Solved":
+        """Diagonalise what the data say for each ratio."""
+        a, h, square, log_det = (np.stack([each[i] for each in found], axis=1) for i in range(4))
+        factors, v = family.factors, np.swapaxes(family.components, 1, 2)[:, None]
+        left = h[..., None] - a @ v
+        square = np.maximum(square[..., None] - (v * (h[..., None] + left)).sum(axis=2), 0.0)
+        values, vectors = np.linalg.eigh(np.swapaxes(factors, 1, 2) @ a[:, :, None] @ factors)
+        y = np.swapaxes(factors @ vectors, 3, 4) @ left[:, :, None]
+        parts = (each.reshape(len(a), -1, *each.shape[3:]) for each in (np.maximum(values, 0.0), vectors, y))
+        return cls(*parts, *(np.repeat(each, len(factors), axis=1) for each in (square, log_det)))
 
-
-def _log_probability(found: _Eliminated, solved: _Solved, readings: Readings) -> Array:
-    """Return the log likelihood of every term, (n, levels, scales, components)."""
-    values, _, y, square = solved
-    # Many scales and levels have the same quotient: what depends on it alone is computed once.
-    k2, which = np.unique((SCALES / _LEVELS[:, None]) ** 2, return_inverse=True)
-    which = which.reshape(len(_LEVELS), len(SCALES))
-    spread = 1.0 + k2[:, None] * values[:, None]
-    left = square[:, None] - (k2[:, None] / spread) @ y**2
-    logs = left[:, which] * (-0.5 / _LEVELS[:, None, None] ** 2)
-    constant = readings.by_camera(readings.constant) - 0.5 * found.log_det
-    each = constant[:, None] - readings.by_camera(readings.freedom)[:, None] * np.log(_LEVELS)
-    logs += (each[..., None] - 0.5 * np.log(spread).sum(axis=2)[:, which])[..., None]
-    return np.asarray(logs)
+    def log_probability(self, readings: Readings) -> Array:
+        """Return the log likelihood of every term, (m, j, levels, scales, components)."""
+        # Many scales and levels have the same quotient: what depends on it alone is computed once.
+        k2, which = np.unique((SCALES / _LEVELS[:, None]) ** 2, return_inverse=True)
+        which = which.reshape(len(_LEVELS), len(SCALES))
+        spread = 1.0 + k2[:, None] * self.values[:, :, None]
+        left = self.square[:, :, None] - (k2[:, None] / spread) @ self.y**2
+        logs = left[:, :, which]
+        logs *= -0.5 / _LEVELS[:, None, None] ** 2
+        constant = readings.by_camera(readings.constant)[:, None] - 0.5 * self.log_det
+        each = constant[..., None] - readings.by_camera(readings.freedom)[:, None, None] * np.log(_LEVELS)
+        logs += (each[..., None] - 0.5 * np.log(spread).sum(axis=3)[:, :, which])[..., None]
+        return np.asarray(logs)
 
 
 @dataclass(frozen=True)
@@ -388,20 +401,36 @@ def marginalised(
     family = Family.of(logs, log_weight - logsumexp(log_weight), model.discrepancy_)
     near = model.n_params > 1 and learned_prior(model).centres is None
     rows = len(logs) + (N_NEARBY if near else 0)
-    channels, found = 1 if difference is None else 3, []
+    channels = 1 if difference is None else 3
     nearest = _most_probable(model, observations.of_sets(slice(None, None, channels)), noise, table) if near else None
-    for cameras in chunks(len(observations) // channels, len(_RATIOS) * len(_LEVELS) * len(SCALES) * rows):
+
+    def found(cameras: slice) -> list[Array]:
         some = observations.of_sets(slice(cameras.start * channels, cameras.stop * channels))
         z, own = table.unconstrained[None, step], family
         if nearest is not None:
             z, own = _with_near_rows(model, nearest[cameras], table, family, seed)
         mixture = solve(some, noise, own if difference is None else own.with_channels(difference), z)
-        samples = mixture.draw(seed, 0.0 if some.absolute else _WHITE_STEP) if with_samples else None
-        curves = from_knots(mixture.middle()) if samples is None else samples.quantiles((0.5,))[0]
-        found.append((*(np.repeat(a, channels, axis=0) for a in (mixture.best, mixture.noise_level)), curves, samples))
-    best, scale, curves, parts = zip(*found, strict=True)
-    joined = PosteriorSamples.concatenated(parts) if with_samples else None
-    return np.concatenate(best), np.concatenate(curves), np.concatenate(scale), joined
+        each = [np.repeat(a, channels, axis=0) for a in (mixture.best, mixture.noise_level)]
+        if not with_samples:
+            return [*each, from_knots(mixture.middle())]
+        samples = mixture.draw(seed, 0.0 if some.absolute else _WHITE_STEP)
+        return [*each, samples.quantiles((0.5,))[0], *vars(samples).values()]
+
+    parts = chunks(len(observations) // channels, len(_RATIOS) * len(_LEVELS) * len(SCALES) * rows)
+    best, scale, curves, *drawn = _joined(len(observations), map(found, parts))
+    return best, curves, scale, PosteriorSamples(*drawn) if with_samples else None
+
+
+def _joined(n: int, parts: Iterable[list[Array]]) -> list[Array]:
+    """Join the arrays of parts along their first axis, of length `n`, with no more than one part in memory beside."""
+    joined: list[Array] = []
+    at = 0
+    for part in parts:
+        joined = joined or [np.empty((n, *each.shape[1:]), each.dtype) for each in part]
+        for whole, each in zip(joined, part, strict=True):
+            whole[at : at + len(each)] = each
+        at += len(part[0])
+    return joined
 
 
 def _most_probable(model: ResponseModel, observations: Observations, noise: Noise, table: Table) -> Array:
@@ -422,9 +451,8 @@ def solve(observations: Observations, noise: Noise, family: Family, unconstraine
     """Return the posterior of every set of observations; components have those parameters (1 or m, c, k)."""
     readings = Readings(observations, noise, family)
     found = [readings.eliminate(ratio) for ratio in _RATIOS]
-    pairs = [(each, factor) for each in found for factor in family.factors]
-    solved = [_diagonalised(each, factor, family) for each, factor in pairs]
-    logs = np.stack([_log_probability(f, s, readings) for (f, _), s in zip(pairs, solved, strict=True)], axis=1)
+    solved = _Solved.of(found, family)
+    logs = solved.log_probability(readings)
     prior = _level_weights()[:, None] + np.log(family.channel_weight)[:, None]
     logs += prior.reshape(-1, len(_LEVELS))[..., None, None]
     logs += np.log(family.scale_weight)[:, None] + family.log_weight[:, None, None, None]
@@ -440,7 +468,7 @@ def solve(observations: Observations, noise: Noise, family: Family, unconstraine
     return replace(mixture, weight=mixture.weight / total[:, None], log_evidence=evidence)
 
 
-def _terms(logs: Array, solved: list[_Solved], family: Family, unconstrained: Array) -> Mixture:
+def _terms(logs: Array, solved: _Solved, family: Family, unconstrained: Array) -> Mixture:
     """Take terms in proportion to their probability (systematic resampling), with their moments."""
     flat, rows = logs.reshape(len(logs), -1), np.arange(len(logs))[:, None]
     most = flat.max(axis=1)
@@ -452,11 +480,12 @@ def _terms(logs: Array, solved: list[_Solved], family: Family, unconstrained: Ar
     chosen = np.stack([np.searchsorted(row, at * row[-1]) for row in total])
     j, t, a, c = np.unravel_index(chosen, logs.shape[1:])
     k = (SCALES[a] / _LEVELS[t])[..., None]
-    values, vectors, y, _ = (np.stack(parts, axis=1) for parts in zip(*solved, strict=True))
-    spread = 1.0 + k**2 * values[rows, j]
-    z, deviation = k**2 * y[rows, j, :, c] / spread, SCALES[a][..., None] / np.sqrt(spread)
+    spread = 1.0 + k**2 * solved.values[rows, j]
+    z, deviation = k**2 * solved.y[rows, j, :, c] / spread, SCALES[a][..., None] / np.sqrt(spread)
     even = np.full(chosen.shape, 1.0 / _TERMS)
-    return Mixture(family, unconstrained, best, (j, t, a, c), z, deviation, vectors, even, most + np.log(total[:, -1]))
+    return Mixture(
+        family, unconstrained, best, (j, t, a, c), z, deviation, solved.vectors, even, most + np.log(total[:, -1])
+    )
 
 
 def _with_clipped(

@@ -1,6 +1,5 @@
 """The posterior: likelihood in log irradiance times the model's prior, its samples, and the bands that they give."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -259,12 +258,6 @@ class PosteriorSamples:
     order: np.ndarray
     weights: Array  # shape (n, t); they sum to 1
     log_evidence: Array  # shape (n,); log of the likelihood averaged over the prior
-
-    @classmethod
-    def concatenated(cls, parts: Iterable["PosteriorSamples"]) -> "PosteriorSamples":
-        """Join samples of several batches, each calibration with draws of its own."""
-        columns = zip(*(vars(part).values() for part in parts), strict=True)
-        return cls(*(np.concatenate(column) for column in columns))
 
     def mean(self) -> Array:
         """Return the mean curves, shape (n, 1024)."""

@@ -183,8 +183,9 @@ def calibrate_series(
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
-    fit = partial(calibrate, model, channels=channels, noise=noise, seed=seed, table=decode_table(model, seed=seed))
-    weighted = partial(_weighted, observations, _independent(fit(observations, "map")))
+    alone = partial(calibrate, model, noise=noise, seed=seed, table=decode_table(model, seed=seed))
+    fit = partial(alone, channels=channels)
+    weighted = partial(_weighted, observations, _independent(alone(observations, "map")))
     found, still = fit(weighted(), method), np.ones(observations.brightness.shape, dtype=bool)
     for _ in range(_ROUNDS):
         rest = still & ~_moved(found)
