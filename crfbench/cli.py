@@ -216,6 +216,9 @@ def calibrate(
         str, typer.Option(help="Of a series, or a chart with RAW: rgb, a curve a channel, or shared, one for all.")
     ] = "rgb",
     align: Annotated[str, typer.Option(help="Without a chart: auto, as from the hand, or none.")] = "auto",
+    vignette: Annotated[
+        bool, typer.Option("--vignette", help="The series shows an evenly lit surface: find the vignetting too.")
+    ] = False,
     white_level: Annotated[int | None, typer.Option(help="Of 16-bit images, such as 4095; default: a guess.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for passport, exports and report.")] = Path("calibrated"),
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
@@ -233,6 +236,7 @@ def calibrate(
         "created": datetime.date.today().isoformat(),
         "channels": channels,
         "align": align,
+        "vignette": vignette,
         "white_level": white_level,
     }
     if each and force:
@@ -271,6 +275,9 @@ def linearise(
     response: Annotated[Path, typer.Option(help="passport.json, or the response of another program.")],
     out: Annotated[Path, typer.Option(help="What to write: .exr, .tif or .hdr (float).")],
     to: Annotated[str, typer.Option(help="light, or camera: RAW, by a passport with a colour matrix.")] = "light",
+    vignette: Annotated[
+        bool, typer.Option("--vignette", help="Divide by the passport's vignetting: same lens and f-number.")
+    ] = False,
     format: FormatName = None,
     white_level: Annotated[int | None, typer.Option(help="Of a 16-bit image, such as 4095; default: a guess.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
@@ -279,7 +286,8 @@ def linearise(
     from crfbench.camera import linearise_file
 
     say = partial(typer.echo, err=True)
-    typer.echo(linearise_file(image, response, out, force, to=to, format=format, white_level=white_level, say=say))
+    options: dict[str, Any] = {"to": to, "vignette": vignette, "format": format, "white_level": white_level}
+    typer.echo(linearise_file(image, response, out, force, say=say, **options))
 
 
 @app.command(rich_help_panel=_CAMERA)

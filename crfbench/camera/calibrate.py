@@ -20,6 +20,7 @@ from crfbench.camera.passport import Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
 from crfbench.camera.series import calibrate_series, find_shifts, reduce_photograph, shifted
+from crfbench.camera.vignetting import find_vignetting
 from crfbench.camera.worker import WORKER
 from crfbench.checks import check_choice, check_count
 from crfbench.curves import repair
@@ -70,6 +71,7 @@ def calibrate(
     *,
     channels: str = "rgb",
     align: str = "auto",
+    vignette: bool = False,
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> CameraCalibration:
@@ -102,6 +104,8 @@ def calibrate(
         chart are for "rgb" only.
     align : {"auto", "none"}
         Without a chart: whether photographs from the hand are laid over each other (`align_series`).
+    vignette : bool
+        Whether an exposure series shows an evenly lit surface, which tells the vignetting of the lens too.
     white_level : int, optional
         Of images of 16 bits a value, such as 4095; by default guessed from their greatest level (`find_white_level`).
     say : callable, optional
@@ -121,6 +125,8 @@ def calibrate(
     if white_level is not None:
         check_count("white_level", white_level, 255, 65535)
     key = _inverse_model(model)
+    if vignette and chart != "none":
+        raise InputError(f"chart={chart!r} tells no vignetting; use 'none' and a series of an evenly lit surface")
     estimated = isinstance(exposures, str) and exposures == _ESTIMATE
     seek_raw = chart != "none" or exposures is None
     plan = plan_photographs(given, None if estimated else exposures, seek_raw, white_level)
@@ -132,9 +138,11 @@ def calibrate(
         labels, timed = None if chart == "auto" else Path(chart), exposures is not None and not estimated
         return _from_chart(plan, labels, timed, key, channels == "rgb", created, say)
     if any(pair.raw for pair in plan.pairs):
+        if vignette:
+            raise InputError("RAW files tell no vignetting; use an exposure series, of JPEGs alone or with exposures")
         return _from_pairs(plan, key, channels == "rgb", created, say)
     error = None if estimated else _NOMINAL if exposures is None else _EXACT
-    result = _from_series(plan, error, key, channels == "rgb", align == "auto", created)
+    result = _from_series(plan, error, key, channels == "rgb", align == "auto" and not vignette, vignette, created)
     for text in result.notes[len(plan.notes) :]:
         say(text)
     return result
@@ -194,7 +202,7 @@ def _from_pairs(plan: Plan, key: ModelKey, rgb: bool, created: str, say: Callabl
 
 
 def _from_series(
-    plan: Plan, error: float | None, key: ModelKey, rgb: bool, align: bool, created: str
+    plan: Plan, error: float | None, key: ModelKey, rgb: bool, align: bool, vignette: bool, created: str
 ) -> CameraCalibration:
     """Calibrate from exposures that err by so many stops, or without `error` from none."""
     model = key.load()
@@ -220,14 +228,23 @@ def _from_series(
         calibration = calibrate_series(images, stops, model, per_channel=False, exposure_error=error)
         notes = [*notes, f"one curve stands for all channels, for by themselves {problem}"]
     passport = _passport(calibration, key, used, created)
+    if vignette:
+        coefficients, deviation = find_vignetting(_ahead(_again(used)), passport.curves)
+        passport, left = replace(passport, vignetting=coefficients), np.exp(coefficients.sum())
+        differ = f"which differ by {2 * left * deviation:.1%}"
+        notes = [*notes, f"vignetting: {left:.1%} of the light is left in the corners, {differ}"]
     told = calibration.observations.exposures  # the estimated ones too
-    # Read again one by one: 18 may be large.
-    again = (WORKER.run(read_levels, pair.jpeg, used.white_level) for pair in used.pairs)
+    again = _again(used)
     if shifts is not None:
         again = (shifted(image, *shift) for image, shift in zip(again, shifts, strict=True))
     merged = merge_series(_ahead(again), used.stops if told is None else told[0], calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
+
+
+def _again(used: Plan) -> Iterator[NDArray[Any]]:
+    """Read the photographs again one by one, as 18 may be large."""
+    return (WORKER.run(read_levels, pair.jpeg, used.white_level) for pair in used.pairs)
 
 
 def _ahead(images: Iterator[NDArray[Any]]) -> Iterator[NDArray[Any]]:

@@ -49,7 +49,7 @@ _KIND = "crfbench response passport"
 _VERSION = 1
 _NAMES = tuple(field.name for field in fields(Passport))
 # Which the first passports did not hold.
-_LATER = {"white_level": None, "note": "", **dict.fromkeys(("matrix", "soft", "told"))}
+_LATER = {"white_level": None, "note": "", **dict.fromkeys(("matrix", "soft", "told", "vignetting"))}
 
 
 def _write_json(passport: Passport) -> bytes:

@@ -14,7 +14,7 @@ from crfbench.camera.calibrate import CameraCalibration
 from crfbench.camera.formats import FORMATS, read_response, write_response
 from crfbench.camera.measuring import measure_chart
 from crfbench.camera.merging import write_hdr
-from crfbench.camera.passport import linearise
+from crfbench.camera.passport import Passport, linearise
 from crfbench.camera.photographs import find_white_level
 from crfbench.camera.reading import read_image, read_levels
 from crfbench.camera.worker import WORKER
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-_REPORT, _MERGED = "report.html", "merged.exr"
+_REPORT, _MERGED, _VIGNETTE = "report.html", "merged.exr", "vignette.png"
 _GREYS = slice(18, 24)
 
 
@@ -51,7 +51,9 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
         if held in each.channels:
             stem = "passport" if name == "passport" else "response"
             paths[name] = folder / (stem + each.suffix if each.suffix.startswith(".") else each.suffix)
-    for path in (*paths.values(), folder / _REPORT, *([folder / _MERGED] if result.merged else [])):
+    vignetted = result.merged is not None and result.passport.vignetting is not None
+    others = {_REPORT: True, _MERGED: result.merged is not None, _VIGNETTE: vignetted}
+    for path in (*paths.values(), *(folder / name for name, there in others.items() if there)):
         check_new(path, overwrite)
     page = report_page(result)
     for name, path in paths.items():
@@ -65,6 +67,17 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
     if result.merged:
         write_hdr(folder / _MERGED, result.merged.radiance, overwrite)
         yield folder / _MERGED
+        if vignetted:
+            write_new(folder / _VIGNETTE, _vignette(result.passport, *result.merged.weight.shape), overwrite)
+            yield folder / _VIGNETTE
+
+
+def _vignette(passport: Passport, height: int, width: int) -> bytes:
+    """Return a PNG of 16 bits as DSO takes it: https://github.com/tum-vision/mono_dataset_code, vignette.png."""
+    import cv2
+
+    falloff = passport.falloff(height, width)
+    return cv2.imencode(".png", np.rint(65535 * falloff / falloff.max()).astype(np.uint16))[1].tobytes()
 
 
 def linearise_file(
@@ -74,6 +87,7 @@ def linearise_file(
     overwrite: bool = False,
     *,
     to: str = "light",
+    vignette: bool = False,
     format: str | None = None,
     white_level: int | None = None,
     say: Callable[[str], object] = lambda text: None,
@@ -82,7 +96,7 @@ def linearise_file(
 
     `response` is a passport or a response of another program, of that `format`, else as its content tells; `out` ends
     in ``.exr`` or ``.tif`` (floats in units of full scale) or ``.hdr``. `white_level` is by default that of the
-    passport, else guessed; `to` as in `linearise`, `say` as in `crfbench.camera.calibrate`.
+    passport, else guessed; `to` and `vignette` as in `linearise`, `say` as in `crfbench.camera.calibrate`.
     """
     passport = read_response(response, format)
     check_new(out, overwrite)
@@ -93,7 +107,9 @@ def linearise_file(
         white_level, notes = find_white_level([image])
         for note in notes:
             say(note)
-    write_hdr(out, linearise(WORKER.run(read_levels, image, white_level), passport, to=to), overwrite)
+    write_hdr(
+        out, linearise(WORKER.run(read_levels, image, white_level), passport, to=to, vignette=vignette), overwrite
+    )
     return out
 
 
@@ -166,6 +182,8 @@ def _facts(result: CameraCalibration) -> dict[str, str]:
         greys = residuals.reshape(-1, N_PATCHES)[:, _GREYS][counts.reshape(-1, N_PATCHES)[:, _GREYS]]
         residual += f"; of the grey patches {_rms(greys)}" if greys.size else ""
     mixed = {} if passport.matrix is None else {"colour matrix, RAW to light": matrix_text(passport.matrix)}
+    if passport.vignetting is not None:
+        mixed["light left in the corners"] = f"{np.exp(passport.vignetting.sum()):.1%}"
     return {
         "model": passport.model,
         "photographs": ", ".join(result.photographs),

@@ -17,6 +17,7 @@ from crfbench.errors import InputError
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+_MOST_FALL = 30.0  # of the coefficients of log V together; more is no lens
 _TEXTS = ("camera", "model", "data_sha256", "version", "created", "note")
 
 
@@ -59,6 +60,9 @@ class Passport:
         How softly colours are drawn into the gamut, see `crfbench.calibration.colour`.
     told : bool, optional
         Whether the data told the matrix; else it is diagonal.
+    vignetting : array_like, shape (k,), optional
+        Coefficients a_k of log V(r) = a_1 r^2 + a_2 r^4 + ...: the share V of the light that is left at the distance r
+        from the middle of the photograph, 1 in its corners. It holds for one lens, focal length and f-number.
 
     Examples
     --------
@@ -85,6 +89,7 @@ class Passport:
     matrix: Array | None = None
     soft: float | None = None
     told: bool | None = None
+    vignetting: Array | None = None
 
     def __post_init__(self) -> None:
         check_direction(self.direction)
@@ -101,6 +106,8 @@ class Passport:
         if self.white_level is not None:
             self._set(white_level=check_count("white_level", self.white_level, 255, 65535))
         self._set(**_checked_matrix(self.matrix, self.soft, self.told, len(curves)))
+        if self.vignetting is not None:
+            self._set(vignetting=_checked_vignetting(self.vignetting))
         _check_created(self.created)
         if self.data_sha256 and not _SHA256.fullmatch(self.data_sha256):
             raise InputError(f"data_sha256={self.data_sha256!r} is not a SHA-256; use 64 small hexadecimal digits")
@@ -125,6 +132,16 @@ class Passport:
         low, high, params = (None if part is None else part[[row]] for part in (self.low, self.high, self.params))
         alone = replace(self, matrix=None, soft=None, told=None)
         return replace(alone, curves=self.curves[[row]], low=low, high=high, params=params)
+
+    def falloff(self, height: int, width: int) -> NDArray[np.float32]:
+        """Return the share of the light that vignetting leaves at each pixel, shape (height, width)."""
+        if self.vignetting is None:
+            raise InputError(
+                f"{self!r} holds no vignetting; use one of a series of an evenly lit surface, see --vignette"
+            )
+        rows, columns = (np.arange(length, dtype=np.float64) + 0.5 for length in (height, width))
+        squared = squared_radius((height, width), rows, columns)
+        return np.exp(squared * np.polyval(self.vignetting[::-1], squared)).astype(np.float32)
 
     def _set(self, **values: Any) -> None:
         """Set checked values; only `__post_init__` may, as the class is frozen."""
@@ -175,6 +192,22 @@ def _checked_matrix(matrix: ArrayLike | None, soft: object, told: object, c: int
     return {"matrix": rows, "soft": share, "told": bool(told)}
 
 
+def _checked_vignetting(coefficients: ArrayLike) -> Array:
+    values = np.array(as_finite("vignetting", coefficients))
+    if values.ndim != 1 or not values.size or np.abs(values).sum() > _MOST_FALL:
+        raise InputError(f"vignetting={values.tolist()} is out of range; use a row of numbers that log V(r) may have")
+    return values
+
+
+def squared_radius(shape: tuple[int, int], rows: Array, columns: Array) -> Array:
+    """Return r^2 at places `rows` (m,) by `columns` (n,), in pixels from the upper left corner, shape (m, n).
+
+    r is the distance from the middle of a photograph of `shape`, 1 in its corners.
+    """
+    middle = np.array(shape) / 2.0
+    return np.asarray(((rows - middle[0]) ** 2)[:, None] + (columns - middle[1]) ** 2) / (middle**2).sum()
+
+
 def _check_created(created: str) -> None:
     try:
         if created and date.fromisoformat(created).isoformat() != created:
@@ -184,7 +217,11 @@ def _check_created(created: str) -> None:
 
 
 def linearise(
-    image: ArrayLike, response: Passport | ArrayLike, dtype: DTypeLike = np.float32, to: str = "light"
+    image: ArrayLike,
+    response: Passport | ArrayLike,
+    dtype: DTypeLike = np.float32,
+    to: str = "light",
+    vignette: bool = False,
 ) -> NDArray[Any]:
     """Return the irradiance of an image: linear in light, 1 where the brightness is greatest.
 
@@ -199,6 +236,8 @@ def linearise(
         Of the result: irradiance in [0, 1], or 65535 times it, rounded.
     to : {"light", "camera"}
         Linear light of the image's own colours, or by the passport's matrix the camera's RAW.
+    vignette : bool
+        Whether to divide by the passport's vignetting; what then exceeds 1 stays so in float32.
 
     Returns
     -------
@@ -210,6 +249,13 @@ def linearise(
     >>> linearise(np.array([[0, 128, 255]], dtype=np.uint8), GRID**2, dtype=np.uint16).tolist()
     [[0, 16513, 65535]]
     """
+    if vignette:
+        if not isinstance(response, Passport):
+            raise InputError("curves alone hold no vignetting; use a passport of a series calibrated with it")
+        light = linearise(image, response, to=to)
+        falloff = response.falloff(*light.shape[:2])
+        light = light / (falloff[..., None] if light.ndim == 3 else falloff)
+        return light if dtype == np.dtype(np.float32) else _quantised(light, np.dtype(dtype))
     if check_choice("to", to, ("light", "camera")) == "camera":
         if not isinstance(response, Passport) or response.matrix is None or response.soft is None:
             raise InputError("to='camera' needs a colour matrix; use the passport of a chart with RAW, or to='light'")
