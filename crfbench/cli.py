@@ -91,7 +91,7 @@ def fitting(
     wide: Wide = False,
     as_json: AsJson = False,
 ) -> None:
-    """Table 1: how well each model fits response curves, in sample and held out."""
+    """Table 1: how well each model fits response curves, in sample and held out (minutes with DoRF)."""
     from crfbench.curves import check_direction
     from crfbench.paper.fitting import DIRECTIONS, fitting_tables
 
@@ -138,7 +138,7 @@ def stability(
     wide: Wide = False,
     as_json: AsJson = False,
 ) -> None:
-    """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart."""
+    """Table 2: how far inverse responses from 3, 6, 12 and 24 patches lie apart (minutes)."""
     from crfbench.paper.stability import DEFINITION, stability_table
 
     shown = ("model", "method", "camera", "subsets", "total_variance", "rmse", "paper")
@@ -162,11 +162,26 @@ def chart_free(
 
 
 @app.command("paper", rich_help_panel=_PAPER)
-def where(wide: Wide = False, as_json: AsJson = False) -> None:
+def where(
+    item: Annotated[
+        str | None, typer.Argument(help='"Table 1" and such for its numbers, or "4.5" for a section.')
+    ] = None,
+    wide: Wide = False,
+    as_json: AsJson = False,
+) -> None:
     """Say where each figure, table, equation and claim of the paper is rebuilt, and what we judge of it."""
+    from crfbench.paper.claims import claims_table
     from crfbench.paper.places import paper_map
     from crfbench.paper.verdicts import RULES
 
+    if item:
+        claims = claims_table()
+        there = claims["where"].str.contains(item, regex=False)
+        if not there.any():
+            raise InputError(f"{item!r} makes no claim; use 'Table 1', 'Table 2', 'Table 3' or a section such as 4.5")
+        shown = ("claim", "paper", "ours", "spread", "verdict")
+        title = f"{item} of the paper; more with --wide"
+        return _print_tables({title: claims[there]}, as_json, wide or shown)
     table = paper_map()
     if as_json or wide:
         return _print_tables({"what the paper numbers, then what it claims": table}, as_json)

@@ -37,8 +37,7 @@ def main() -> None:
     print(record(trainings_by_seed(), "slr_trainings_dorf", provenance).name)
     forward = trainings_by_seed(["ldl"], direction="forward")
     print(record(forward, "slr_forward_trainings_dorf", provenance).name)
-    cameras = camera_rmse_table("3", "paper", rows=list(CALIBRATION))[list(CALIBRATION)].reset_index()
-    print(record(cameras, "calibration_paper_cameras", provenance).name)
+    print(record(cameras_by_seed(), "calibration_paper_cameras", provenance).name)
     print(record(measured_leaderboard(), "leaderboard", provenance).name)
 
 
@@ -74,6 +73,18 @@ def stability_by_seed(seeds: Sequence[int] = (0, 1, 2)) -> pd.DataFrame:
             distance = float(rmse(evaluate(curves, jpeg[None]), raw).mean())
             rows.append({"model": name, "seed": seed, "total_variance": total_variance(curves), "mean_rmse": distance})
     return pd.DataFrame(rows)
+
+
+def cameras_by_seed(seeds: Sequence[int] = (0, 1, 2)) -> pd.DataFrame:
+    """Calibrate from three greys by the paper's method, with several random starts.
+
+    Returns
+    -------
+    DataFrame
+        One row a seed and camera: seed, camera, and the RMSE with every model of the paper's Table 3.
+    """
+    tables = [camera_rmse_table("3", "paper", list(CALIBRATION), seed=seed).assign(seed=seed) for seed in seeds]
+    return pd.concat(tables).reset_index()[["seed", "camera", *CALIBRATION]]
 
 
 def trainings_by_seed(

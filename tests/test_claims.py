@@ -16,7 +16,7 @@ from crfbench.metrics import summarise
 from crfbench.paper import claims as module
 from crfbench.paper import claims_data
 from crfbench.paper.calibration import calibration_table
-from crfbench.paper.claims import claims_table, papers_impossible_spreads, speed_ratio, verdict_counts
+from crfbench.paper.claims import claims_table, means_reproduced, papers_impossible_spreads, speed_ratio, verdict_counts
 from crfbench.paper.claims_data import emor_energy, printed_variance, smoothness_loss
 from crfbench.paper.findings import does_not_follow, holds, summary
 from crfbench.paper.printed import CALIBRATION, FITTING, SIGNIFICANT_RMSE, STABILITY
@@ -100,10 +100,11 @@ def test_counts_add_up(claims):
 
 def test_what_is_said_twice_counts_once(claims, results):
     once = verdict_counts(claims, distinct=True)
-    repeated = len(claims[claims["where"].str.fullmatch(r"Table \d")]) + 3 + 1  # speed four times, ten-folds twice
+    repeated = len(claims[claims["where"].str.fullmatch(r"Table \d")]) + 2 + 1  # speed three times, ten-folds twice
     assert once.loc["all"].sum() == len(claims) - repeated + 5 + len(STABILITY) + len(CALIBRATION)
-    means = results.calibration["verdict"][: len(CALIBRATION)].value_counts()
-    assert once.loc["Table 3"][["reproduced", "differs"]].tolist() == [means["reproduced"], means["differs"]]
+    means = claims[claims["claim"].str.startswith("mean RMSE, ")]["verdict"].value_counts()
+    assert once.loc["Table 3"][means.index].tolist() == means.tolist()
+    assert once.loc["Table 3", "reproduced"] == means_reproduced(results)
     assert once.loc["Table 1", "reproduced"] == 1  # EMoR
     # The verdict on the first stands for all but in Table 3, so they must not contradict each other.
     others = claims[claims["where"] != "Table 3"].groupby("group")["verdict"].nunique()
@@ -123,22 +124,24 @@ def test_the_summary_has_the_counts_of_both_kinds(claims):
 def test_cells_of_table_3_follow_the_rule(claims, results):
     for name, figures in CALIBRATION.items():
         row = results.calibration.loc[name]
-        near = abs(round(row["mean"], 3) - figures[0]) <= SIGNIFICANT_RMSE + 1e-9
-        expected = "reproduced" if near or row["low"] <= figures[0] <= row["high"] else "differs"
-        assert verdict_of(claims, f"mean RMSE, {name}") == expected
+        seeds = [rows.to_numpy() for _, rows in results.cameras[name].groupby("seed")]
+        assert summarise(seeds[0]) == pytest.approx({key: row[key] for key in summarise(seeds[0])}, abs=1e-6)
         assert verdict_of(claims, f"seconds for all cameras, {name}") == "not comparable"
-        errors = results.cameras[name]
-        assert summarise(errors) == pytest.approx({key: row[key] for key in summarise(errors)}, abs=1e-6)
-        for what, measure, ours, printed in (
-            ("largest RMSE", np.max, row["max"], figures[3]),
-            ("95th percentile of the RMSE", partial(np.percentile, q=95), row["p95"], figures[4]),
+        for what, measure, printed in (
+            ("mean RMSE", np.mean, figures[0]),
+            ("largest RMSE", np.max, figures[3]),
+            ("95th percentile of the RMSE", partial(np.percentile, q=95), figures[4]),
         ):
-            resampled = bootstrap((errors,), measure, method="percentile", n_resamples=2000, rng=1).confidence_interval
-            near = abs(round(ours, 3) - printed) <= SIGNIFICANT_RMSE + 1e-9
-            inside = resampled.low <= printed <= resampled.high
-            expected = "reproduced" if near or inside else "not comparable" if printed > row["max"] else "differs"
-            assert verdict_of(claims, f"{what}, {name}") == expected
-            assert resampled.high == row["max"]  # which is why a larger one cannot be judged
+            drawn = [bootstrap((errors,), measure, method="percentile", n_resamples=2000, rng=1) for errors in seeds]
+            low, high = (f(each.confidence_interval[i] for each in drawn) for i, f in enumerate((min, max)))
+            near = abs(round(measure(seeds[0]), 3) - printed) <= SIGNIFICANT_RMSE + 1e-9
+            beyond = what != "mean RMSE" and printed > max(errors.max() for errors in seeds)
+            judged = "not comparable" if beyond or name == "Polynomial-3" else "differs"
+            expected = "reproduced" if near or low <= printed <= high else judged
+            assert verdict_of(claims, f"{what}, {name}") == expected, (what, name)
+            if measure is np.max:
+                # Which is why a larger one cannot be judged.
+                assert high == pytest.approx(max(errors.max() for errors in seeds))
 
 
 def test_a_cell_of_table_3_says_by_which_rule_it_is_judged_and_why_it_differs(claims):
@@ -157,9 +160,15 @@ def test_the_papers_search_ends_far_from_its_best(results):
     assert thorough["GGCM-3"] < results.calibration["mean"]["GGCM-3"]
 
 
-def test_means_of_table_3_agree_with_the_tables_own_verdict(claims, results):
-    ours = claims[claims["claim"].str.startswith("mean RMSE, ")]["verdict"].tolist()
-    assert ours == results.calibration["verdict"][: len(CALIBRATION)].tolist()
+def test_what_one_seed_reproduces_three_do_and_a_search_that_fails_is_not_judged(claims, results):
+    ours = claims[claims["claim"].str.startswith("mean RMSE, ")].set_index("group")["verdict"]
+    for name, alone in results.calibration["verdict"][: len(CALIBRATION)].items():
+        if name == "Polynomial-3":
+            assert ours[f"Table 3, {name}"] == "not comparable"
+        else:
+            assert ours[f"Table 3, {name}"] == alone or (alone, ours[f"Table 3, {name}"]) == ("differs", "reproduced")
+    wide = claims[claims["claim"] == "mean RMSE, GGCM-3"]["spread"].item()
+    assert float(wide.split()[2]) > results.calibration["high"]["GGCM-3"] + 0.05
 
 
 @pytest.mark.parametrize(
@@ -181,9 +190,10 @@ def test_statements_on_calibration_turn_with_the_results(results):
     table.loc[ldl, ["mean", "seconds"]] /= 100
     table.loc[~ldl, ["difference_low", "difference_high"]] = 0.013, 0.014
     better = replace(results, calibration=table.copy())
-    for key in ("almost_twice", "half_the_time", "faster_than_gamma", "significant"):
-        assert check(key)(results).verdict == "does not hold"
-        assert check(key)(better).verdict == "holds", key
+    for key in ("almost_twice", "faster_than_gamma", "around_twice", "significant"):
+        assert check(key)(results).verdict == check(key)(better).verdict == "not comparable"
+        assert check(key)(results).ours != check(key)(better).ours
+    assert check("half_the_time")(results).verdict == "does not hold"  # by the paper's own table
     table.loc[~ldl, ["difference_low", "difference_high"]] = -0.014, -0.013
     worse = replace(results, calibration=table)
     for key in ("outperforms", "ldl_helps"):

@@ -114,6 +114,16 @@ def test_a_terminal_has_colours_and_a_pipe_or_no_color_none(monkeypatch, capsys)
     ]
 
 
+def test_the_numbers_of_one_table_of_the_paper_are_printed_at_once():
+    done = run_command("paper", "Table 2")
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert {"0.66", "1.63", "8.11", "3.87"} <= set(done.stdout.split())
+    assert {row["where"] for row in json.loads(run_command("paper", "4.5", "--json").stdout)} == {"4.5", "4.5, Table 3"}
+    wrong = run_command("paper", "Table 9")
+    assert wrong.returncode == 2
+    assert "use 'Table 1'" in wrong.stderr
+
+
 def test_the_map_fits_80_columns_and_says_all_when_wide_or_json():
     short, wide = (run_command("paper", *more).stdout for more in ((), ("--wide",)))
     assert max(map(len, short.splitlines())) <= 80

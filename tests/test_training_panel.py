@@ -69,7 +69,7 @@ def test_the_page_starts_and_stops_and_what_was_trained_is_kept(panel: TrainingP
     wait_until(lambda: panel._progress["epoch"] > 2)
     shown = panel._progress
     assert panel.running
-    assert shown["left"].endswith(" s")
+    assert shown["left"].endswith(" s left")
     assert len(np.frombuffer(shown["live"]["latents"], "<f2")) == 13
     send(panel, kind="stop")
     panel.wait()

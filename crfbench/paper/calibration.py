@@ -109,11 +109,15 @@ def calibration_table(
 
 
 def camera_rmse_table(
-    patches: str = "3", method: str = "map", rows: Sequence[str | ModelKey] = ROWS, discrepancy: bool = True
+    patches: str = "3",
+    method: str = "map",
+    rows: Sequence[str | ModelKey] = ROWS,
+    discrepancy: bool = True,
+    seed: int = 0,
 ) -> pd.DataFrame:
     """Return the RMSE of every camera (rows) with every model (columns), as `calibration_table` summarises it."""
-    chart, subsets = patch_arrays(load_patches()), _subsets(patches, 0)
-    fit = partial(calibrate, method=method, discrepancy=discrepancy)
+    chart, subsets = patch_arrays(load_patches()), _subsets(patches, seed)
+    fit = partial(calibrate, method=method, discrepancy=discrepancy, seed=seed)
     found = {name: _calibrated(name, chart, subsets, "intensity", fit)[0] for name in map(str, rows)}
     floor, cameras = next(_floors(chart, "intensity"))
     return pd.DataFrame({**found, floor: cameras}, index=pd.Index(chart.cameras, name="camera"))

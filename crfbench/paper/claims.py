@@ -16,7 +16,7 @@ from crfbench.paper.calibration import bootstrap_bounds
 from crfbench.paper.fitting import papers_rising_rows
 from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, FITTING, SIGNIFICANT_RMSE, STABILITY
 from crfbench.paper.results import PaperResults, load_results
-from crfbench.paper.verdicts import CHECKS, RULES, TWICE, Check, Claim, claim, in_words, is_least, scientific, verdict
+from crfbench.paper.verdicts import CHECKS, RULES, Check, Claim, claim, in_words, is_least, scientific, verdict
 
 _FITS = "crfbench.paper.fitting.fitting_table"
 _CALIBRATIONS = "crfbench.paper.calibration.calibration_table"
@@ -24,6 +24,8 @@ _STABILITIES = "scripts.record_report.stability_by_seed"
 _HERE = "crfbench.paper.claims"
 _SLR, _EMOR = "SLR-ldl-1-forward", "EMoR-published-1-forward"
 _LDL, _CLASSICAL = "SLR-ldl-1", ["Gamma-1", "Polynomial-3", "GGCM-3", "EMoR-3"]
+#: Models for which the search of the released program, as we repeat it, ends far from its best.
+_SEARCH_FAILS = ("Polynomial-3",)
 _NO_DIFFERENCE = (0.0, 0.0)
 _STATISTICS = {
     "mean": "mean RMSE",
@@ -149,7 +151,7 @@ def outperforms(results: PaperResults) -> Claim:
     bounds = list(rows[["difference_low", "difference_high"]].itertuples(index=False, name=None))
     best = rows.loc[rows["mean"].idxmin()]
     why = (
-        f"{best.name} less SLR is {best['difference']:+.3f} ({best['difference_low']:+.3f} to "
+        f"{best.name} minus SLR is {best['difference']:+.3f} ({best['difference_low']:+.3f} to "
         f"{best['difference_high']:+.3f}) in mean RMSE. {_WHY_PERCENT} With the paper's other networks, which are as "
         f"good, SLR with LDL has rank {rank} of {len(table)}."
     )
@@ -168,25 +170,27 @@ def _paired(results: PaperResults, name: str, holds: bool = True) -> Claim:
 
 @claim("4.5", "LDL improves calibration over the baseline", how=_CALIBRATIONS)
 def ldl_helps(results: PaperResults) -> Claim:
-    why = f"Baseline less LDL in mean RMSE; in the paper it is +0.013. {_WHY_PERCENT}"
+    why = f"Baseline minus LDL in mean RMSE; in the paper it is +0.013. {_WHY_PERCENT}"
     return _paired(results, "SLR-baseline-1")._replace(why=why)
 
 
-@claim("4.2", "a difference in RMSE above this is significant", how=_CALIBRATIONS, printed="0.005")
+@claim("4.2", "a difference in RMSE above this counts as significant", how=_CALIBRATIONS, printed="0.005")
 def significant(results: PaperResults) -> Claim:
     rows = _accuracy(results).drop(_LDL)
     half = (rows["difference_high"] - rows["difference_low"]) / 2
-    why = "Half the width of the 95 % interval of a paired difference over 14 cameras, median over the rows."
-    spread = f"{half.min():.3f} to {half.max():.3f} (12 rows)"
-    verdict = in_words(bool(half.median() <= SIGNIFICANT_RMSE))
-    return Claim(ours=f"{half.median():.3f}", spread=spread, verdict=verdict, why=why)
+    why = (
+        "A convention of the paper, not a finding, and the tolerance that we judge Table 3 by. Ours is what chance may "
+        "make: half the width of the 95 % interval of a paired difference over 14 cameras, median over the rows."
+    )
+    spread = f"{half.min():.3f} to {half.max():.3f} ({len(half)} rows)"
+    return Claim(ours=f"{half.median():.3f}", spread=spread, verdict="not comparable", why=why)
 
 
 @claim("4.5", "AUC calibrates faster than LDL but less accurately", how=_CALIBRATIONS)
 def auc_trades(results: PaperResults) -> Claim:
     more = results.calibration["seconds"]["SLR-auc-1"] - results.calibration["seconds"][_LDL]
     found = _paired(results, "SLR-auc-1", holds=more < 0)
-    why = f"AUC less LDL in mean RMSE, and in seconds. {_WHY_PERCENT}"
+    why = f"AUC minus LDL in mean RMSE, and in seconds. {_WHY_PERCENT}"
     return found._replace(ours=f"{found.ours}, {more:+.1f} s", why=why)
 
 
@@ -237,31 +241,34 @@ def speed_ratio(calibration: pd.DataFrame, rivals: list[str]) -> float:
     return float(calibration["seconds"][rivals].min() / calibration["seconds"][_LDL])
 
 
-def _speed(
-    where: str, text: str, rivals: list[str] = _CLASSICAL, least: float = TWICE, printed: str = "", more: str = ""
-) -> Check:
+def _speed(where: str, text: str, rivals: list[str] = _CLASSICAL, printed: str = "") -> Check:
     quickest = "Gamma" if len(rivals) == 1 else f"the quickest of {len(rivals)} classical models"
     why = (
-        f"Seconds of {quickest} over those of SLR with LDL, by the paper's method{more}. Unlike seconds, a ratio "
-        "from one program on one computer is comparable: what is judged is the models, not the paper's program."
+        f"Seconds of {quickest} over those of SLR with LDL, by the paper's method in our program on one computer. How "
+        "long a network takes beside a power depends on the program more than on the models."
     )
 
     @claim(where, text, how=f"{_HERE}.speed_ratio", printed=printed, group="speed")
     def check(results: PaperResults) -> Claim:
         ratio = speed_ratio(results.calibration, rivals)
-        return Claim(ours=f"{ratio:.2f} times", verdict=in_words(ratio > least), why=why)
+        return Claim(ours=f"{ratio:.2f} times", verdict="not comparable", why=why)
 
     return check
 
 
 almost_twice = _speed("abstract", "calibration is almost twice as fast as with the best other models")
-half_the_time = _speed(
-    "1",
-    "calibration takes less than half the time of the best other models",
-    least=2.0,
-    more="; in the paper's Table 3 it is 57.4 s against 112.6 s, more than half",
-)
-faster_than_gamma = _speed("4.5", "Gamma takes so many times as long as SLR with LDL", _CLASSICAL[:1], printed="1.96")
+
+
+@claim("1", "calibration takes less than half the time of the best other models", how=f"{_HERE}.speed_ratio")
+def half_the_time(results: PaperResults) -> Claim:
+    seconds = {name: CALIBRATION[name][CALIBRATION_COLUMNS.index("seconds")] for name in (_LDL, *_CLASSICAL)}
+    quickest = min(seconds[name] for name in _CLASSICAL)
+    why = "By the paper's own Table 3, since seconds of ours cannot be compared: a little more than half."
+    ours = f"{seconds[_LDL]} s of {quickest} s"
+    return Claim(ours=ours, verdict=in_words(2 * seconds[_LDL] < quickest), why=why)
+
+
+faster_than_gamma = _speed("4.5", "how many times as long Gamma takes as SLR with LDL", _CLASSICAL[:1], printed="1.96")
 around_twice = _speed("5", "calibration is around twice as fast as with the best other models")
 
 
@@ -294,15 +301,15 @@ def _table_2(results: PaperResults) -> Iterator[Claim]:
             ours=f"{mean:.2f}",
             spread=f"{low:.2f} to {high:.2f} ({len(values)} seeds)",
             how=_STABILITIES,
-            verdict=verdict(mean, f"{printed:.2f}", (low, high)),
-            why=_WHY["Table 2"],
+            verdict="not comparable" if name in _SEARCH_FAILS else verdict(mean, f"{printed:.2f}", (low, high)),
+            why=_WHY[f"Table 3, {name}" if name in _SEARCH_FAILS else "Table 2"],
             group=f"Table 2, {name}",
         )
 
 
 def _table_3(results: PaperResults) -> Iterator[Claim]:
     for name, figures in CALIBRATION.items():
-        bounds = bootstrap_bounds(results.cameras[name].to_numpy())
+        bounds = _bounds(results, name)
         for column, figure in zip(CALIBRATION_COLUMNS, figures, strict=True):
             ours = float(str(results.calibration.loc[name, column]))
             judge = Claim(paper=f"{figure}", ours=f"{ours:.1f}", verdict="not comparable", why=_WHY["Table 3, seconds"])
@@ -310,12 +317,25 @@ def _table_3(results: PaperResults) -> Iterator[Claim]:
                 judge = _judge_rmse(figure, ours, bounds[column])
             if judge.verdict == "differs" and column in ("max", "p95") and figure > bounds[column][1]:
                 judge = judge._replace(verdict="not comparable", why=_WHY["Table 3, largest"])
+            if judge.verdict == "differs" and name in _SEARCH_FAILS:
+                judge = judge._replace(verdict="not comparable", why=_WHY[f"Table 3, {name}"])
             if judge.verdict == "differs":
                 copied = "The paper prints its mean once more. " if column == "median" and figure == figures[0] else ""
                 cause = _WHY.get(f"Table 3, {name}") or _WHY[f"Table 3, {name.split('-')[0]}"]
                 judge = judge._replace(why=f"{judge.why} {copied}{cause}")
             what = f"{_STATISTICS[column]}, {name}"
             yield judge._replace(claim=what, where="Table 3", how=_CALIBRATIONS, group=f"Table 3, {name}")
+
+
+def means_reproduced(results: PaperResults) -> int:
+    """Count the means of Table 3 that are reproduced."""
+    return sum(each.verdict == "reproduced" for each in _table_3(results) if each.claim.startswith("mean RMSE"))
+
+
+def _bounds(results: PaperResults, name: str) -> dict[str, tuple[float, float]]:
+    """Return the least and the greatest of the 95 % bounds over resampled cameras that the seeds of the search give."""
+    seeds = [bootstrap_bounds(rows.to_numpy()) for _, rows in results.cameras[name].groupby("seed")]
+    return {column: (min(b[column][0] for b in seeds), max(b[column][1] for b in seeds)) for column in seeds[0]}
 
 
 def _judge_rmse(printed: float, ours: float, bounds: tuple[float, float]) -> Claim:
@@ -327,7 +347,7 @@ def _judge_rmse(printed: float, ours: float, bounds: tuple[float, float]) -> Cla
     return Claim(
         paper=f"{printed:.3f}",
         ours=f"{ours:.3f}",
-        spread=f"{low:.3f} to {high:.3f} (95 %, bootstrap)",
+        spread=f"{low:.3f} to {high:.3f} (95 %, bootstrap of 3 seeds)",
         verdict=verdict(ours, f"{printed:.3f}", bounds, SIGNIFICANT_RMSE),
         why=f"The two are {apart} apart, {near if apart <= Decimal(str(SIGNIFICANT_RMSE)) else inside}.",
     )

@@ -52,12 +52,14 @@ def plot_fitting(table: pd.DataFrame, direction: Direction = "inverse", ax: Axes
         # Gamma's one dot lies under GGCM's, so it is the larger.
         look = {"color": PALETTE[i], "marker": MARKERS[i], "ms": 11 if kind == "Gamma" else 6}
         _fitting_lines(ax, rows[rows["kind"] == kind], kind, look)
-        printed = rows[(rows["kind"] == kind) & rows["paper"].notna() & (kind != "SLR-monotone")]
-        ax.scatter(printed["n_params"], printed["paper"], marker="x", s=60, color=PALETTE[i], zorder=3)
+        # The paper's EMoR is that of the published basis.
+        printed = rows[(rows["kind"].str.removesuffix("-published") == kind) & rows["paper"].notna()]
+        seen: dict[str, Any] = {"path_effects": [withStroke(linewidth=4, foreground="white")], "zorder": 3}
+        ax.scatter(printed["n_params"], printed["paper"], marker="x", s=70, color=PALETTE[i], **seen)
     ax.plot([], [], color="0.4", ls=":", marker="o", mfc="white", label="held out (grouped 5-fold),\nwhere it differs")
     if rows["paper"].notna().any():
         ax.scatter([], [], marker="x", s=60, color="0.4", label="the paper's number, named\nwhere off our line")
-        _name_crosses(ax, rows[rows["kind"].isin(_FITTING_MODELS[:-1]) & rows["paper"].notna()])
+        _name_crosses(ax, rows[rows["paper"].notna()])
     ax.set(xlabel="number of parameters", ylabel="mean RMSE (share of the curve's range)", yscale="log")
     ax.set(xticks=[1, 2, 3, 4], xlim=(0.8, 4.7))
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")

@@ -26,7 +26,6 @@ COLUMNS = (
 DIRECTIONS: tuple[Direction, ...] = ("forward", "inverse")
 N_FOLDS = 5
 #: What of a model's name Table 1 leaves open: it has one SLR and one EMoR.
-_PAPERS_KIND = {"SLR": "ldl", "EMoR": "published"}
 
 
 def fitting_table(
@@ -164,8 +163,7 @@ def _row(key: ModelKey, split: str, curves: Array, fit: tuple[Array, float], dat
 
 def _judged(row: dict[str, object], key: ModelKey, dataset: str) -> dict[str, object]:
     """Add the paper's figure, which speaks of forward in-sample fits of DoRF, and the verdict on ours."""
-    name = str(replace(key, constraint=_PAPERS_KIND.get(key.family, "")))
-    printed = FITTING.get(name) if dataset == "dorf" and row["split"] == "in-sample" else None
+    printed = FITTING.get(str(key)) if dataset == "dorf" and row["split"] == "in-sample" else None
     return {
         **row,
         "paper": float(printed) if printed else None,

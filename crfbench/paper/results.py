@@ -42,7 +42,7 @@ class PaperResults:
     fitting: pd.DataFrame  # of DoRF, from `fitting_table`
     held_out: pd.DataFrame  # SLR models on unseen curves of DoRF, by seed
     calibration: pd.DataFrame  # by the paper's method, from `calibration_table`, indexed by model
-    cameras: pd.DataFrame  # the RMSE of each camera (rows) behind `calibration`, from `camera_rmse_table`
+    cameras: pd.DataFrame  # likewise the RMSE of each camera (rows), by seed of the search, from `cameras_by_seed`
     stability: pd.DataFrame  # by the paper's method and seed, from `stability_by_seed`
     copies: pd.DataFrame  # one row, from `near_copy_counts`
     search: pd.DataFrame  # the architecture search with one seed
@@ -63,7 +63,7 @@ def load_results() -> PaperResults:
         fitting=load_recorded("fitting_dorf")[0],
         held_out=load_recorded("slr_heldout_dorf")[0],
         calibration=calibration[calibration["patches"].astype(str) == "3"].set_index("model"),
-        cameras=load_recorded("calibration_paper_cameras")[0].set_index("camera"),
+        cameras=load_recorded("calibration_paper_cameras")[0].set_index(["seed", "camera"]),
         stability=load_recorded("stability_paper")[0],
         copies=load_recorded("dorf_copies")[0],
         search=load_recorded("search_dorf")[0],

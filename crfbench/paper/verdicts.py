@@ -11,12 +11,12 @@ import pandas as pd
 from crfbench.paper.printed import SIGNIFICANT_RMSE
 from crfbench.paper.results import PaperResults
 
-#: "Twice as fast" is a ratio above the first, "slightly worse" one below the second, "1" within the third of 1.
-TWICE, SLIGHTLY, NEAR_ONE = 1.8, 1.5, 0.1
+#: "Slightly worse" is a ratio below the first, "1" a number within the second of 1.
+SLIGHTLY, NEAR_ONE = 1.5, 0.1
 _VERDICTS = pd.read_csv(Path(__file__).with_name("verdicts.csv"), index_col="verdict")
 #: What each verdict means; then a sign and a class that tell it without colour, and its colour on a terminal.
 RULES: dict[str, str] = {
-    name: rule.format(significant=SIGNIFICANT_RMSE, twice=TWICE, slightly=SLIGHTLY, near=NEAR_ONE)
+    name: rule.format(significant=SIGNIFICANT_RMSE, slightly=SLIGHTLY, near=NEAR_ONE)
     for name, rule in _VERDICTS["rule"].items()
 }
 MARKS: dict[str, list[str]] = _VERDICTS[["sign", "look"]].T.to_dict("list")

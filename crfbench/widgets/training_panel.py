@@ -201,7 +201,9 @@ class TrainingPanel(StoredWidget):
         if now - self._told >= _UPDATE_SECONDS:
             self._told = now
             left = (now - self._began) / (epoch + 1) * (self._epochs - epoch - 1)
-            self._show(trainer.history(), f"Training {self._name} on {self._data}.", running=True, left=f"{left:.0f} s")
+            self._show(
+                trainer.history(), f"Training {self._name} on {self._data}.", running=True, left=f"{left:.0f} s left"
+            )
         return self._stopping.is_set()
 
 

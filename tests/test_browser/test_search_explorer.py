@@ -70,7 +70,7 @@ def test_dragging_m_moves_the_choice(page, run_python: Callable) -> None:
     python_value(page, run_python, "heard[-1] > 60", "True")  # while the hand still drags
     page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] / 2, steps=10)
     page.mouse.up()
-    page.get_by_text("Choice: (10,)").wait_for()
+    page.get_by_text("Choice: (10)").wait_for()
     settled(page)
     assert picture(page) != before
     python_value(page, run_python, "explorer.chosen", "(10,)")

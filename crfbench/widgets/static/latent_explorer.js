@@ -291,7 +291,9 @@ class LatentExplorerView {
   /** @type {(latent: number[], nearest: ReturnType<typeof nearestCurve> | null) => void} */
   drawNetwork(latent, nearest) {
     const { layers, sizes } = this.current;
-    const hidden = hiddenLayers(layers, latent).map((values, i) => values.map((value) => value / this.most[i]));
+    const hidden = hiddenLayers(layers, latent).map((values, i) => {
+      return values.map((value) => Math.sqrt(Math.max(0, value) / this.most[i])); // so that weak ones are seen, too
+    });
     const wide = sizes.with(-1, this.curve.length); // a monotone decoder has steps, one fewer than samples
     this.network.draw({
       sizes: wide,

@@ -13,7 +13,7 @@ import { Plot } from "./plot.js";
 const ROOM = 1.12; // factor of empty space beyond the outermost candidates, axes being logarithmic
 
 /** @param {Candidate} candidate */
-const architectureName = ({ hidden }) => `(${hidden.join(", ")}${hidden.length === 1 ? "," : ""})`;
+const architectureName = ({ hidden }) => `(${hidden.join(", ")})`;
 
 // Of the m most accurate candidates (they come in that order) the least complex; of equals, the more accurate.
 export function choose(/** @type {Pick<Candidate, "complexity">[]} */ candidates, /** @type {number} */ m) {
@@ -93,7 +93,7 @@ class SearchExplorerView {
     this.plot = new Plot();
     const names = this.names.map((name, i) => `${i + 1}. ${name}`);
     const range = { min: 1, max: names.length, step: 1 };
-    this.slider = labelledSlider("M, how many most accurate to choose from", range, (m) => this.set("m", m));
+    this.slider = labelledSlider("M, how many most accurate to choose from", range, (m) => this.chooseFrom(m));
     this.list = labelledSelect("Candidate, by rank", names, (row) => this.set("focus", this.candidates[row].hidden));
     this.readouts = readouts(["architecture", "held-out MSE", "mean RMSE", "complexity", "rank"]);
     this.status = element("div", { class: "crf-status", role: "status" });
@@ -180,6 +180,12 @@ class SearchExplorerView {
   set(/** @type {string} */ name, /** @type {unknown} */ value) {
     this.model.set(name, value);
     this.model.save_changes();
+  }
+
+  // The choice is named then, whatever was before.
+  chooseFrom(/** @type {number} */ m) {
+    this.model.set("m", m);
+    this.set("focus", this.candidates[choose(this.candidates, m)].hidden);
   }
 
   row() {
