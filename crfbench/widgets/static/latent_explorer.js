@@ -33,7 +33,7 @@ const NETWORK_NOTE =
   "The network and its numbers of neurons. In training, the encoder squeezed each curve (in: the nearest one) through " +
   "the waist. The decoder runs here: a cell is a neuron, the fuller the more active.";
 const PHOTO_NOTE =
-  "Made by arithmetic. Left: the light itself, shown as numbers. Right: the same light through the response above. " +
+  "Made by arithmetic. Left: the light itself, shown as numbers. Right: the same light through the response shown. " +
   "Drag the border.";
 
 const clamp = (/** @type {number} */ z) => Math.min(REACH, Math.max(-REACH, z));

@@ -10,7 +10,7 @@ import { LatentColumn, NOTE, Run } from "./latent_column.js";
  * @param {{ min: number, max: number }} range
  */
 function labelledNumber(label, { min, max }) {
-  const input = element("input", { id: newId(), type: "number", min, max, step: 1, required: true, ...KEEP_KEYS });
+  const input = element("input", { id: newId(), type: "number", min, max, step: 1, ...KEEP_KEYS });
   return { box: element("div", { class: "crf-field" }, element("label", { for: input.id }, label), input), input };
 }
 
@@ -56,7 +56,6 @@ class TrainingPanelView {
   }
 
   ask() {
-    if (![this.seed, this.epochs].every(({ input }) => input.reportValidity())) return; // the browser says what fits
     const [constraint, direction] = [this.constraint, this.direction].map(({ input }) => input.selectedOptions[0].text);
     const [seed, epochs] = [this.seed, this.epochs].map(({ input }) => input.valueAsNumber);
     this.model.send({ kind: "start", constraint, direction, seed, epochs });
