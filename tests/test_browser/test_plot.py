@@ -116,13 +116,13 @@ def test_the_keyboard_zooms_moves_and_returns(page) -> None:
 
 def test_pointing_names_the_candidate_with_its_numbers(page) -> None:
     whole = picture(page)
-    page.get_by_label("Candidate, by rank").select_option(label="6. (10,)")  # puts a note there, to point at
-    assert read(page) == "(10,)"
+    page.get_by_label("Candidate, by rank").select_option(label="6. (10)")  # puts a note there, to point at
+    assert read(page) == "(10)"
     note = page.locator(".crf-readout").bounding_box()
     page.mouse.move(note["x"] - 12, note["y"] + note["height"] + 12)
-    assert read(page) == f"(10,), rank 6: complexity {complexity((10,)):,}, held-out MSE 6.00e-3"
+    assert read(page) == f"(10), rank 6: complexity {complexity((10,)):,}, held-out MSE 6.00e-3"
     page.mouse.move(1, 1)
-    assert read(page) == "(10,)", "no longer read, but still named"
+    assert read(page) == "(10)", "no longer read, but still named"
     assert picture(page) != whole
 
 
@@ -133,8 +133,8 @@ def test_arrow_keys_go_from_candidate_to_candidate(page) -> None:
         page.keyboard.press(key)
         seen.append(read(page))
     assert seen[0].startswith("Pareto front: complexity ")
-    assert [text.split(":")[0] for text in seen[1:]] == ["(10,), rank 6", "(10, 10), rank 5", "(20,), rank 4"]
-    assert "(20,)" in page.locator(".crf-readouts dd").first.inner_text()
+    assert [text.split(":")[0] for text in seen[1:]] == ["(10), rank 6", "(10, 10), rank 5", "(20), rank 4"]
+    assert "(20)" in page.locator(".crf-readouts dd").first.inner_text()
     page.keyboard.press("ArrowUp")
     assert read(page).startswith("Pareto front")
 
@@ -171,18 +171,18 @@ def test_algorithm_1_is_walked_through_by_keyboard(page) -> None:
         assert said[-1].startswith(f"Line {line_of(current)}: ")
     assert said[0] == "Line 1: nothing is known yet of the 6 candidates."
     assert said[1:5] == [
-        "Line 3: candidate 1 of 6 is (10,).",
+        "Line 3: candidate 1 of 6 is (10).",
         "Line 4: its held-out MSE is 6.00e-3.",
         f"Line 5: its complexity is {complexity((10,)):,}.",
-        "Line 6: (10,) is stored, 1 of 6.",
+        "Line 6: (10) is stored, 1 of 6.",
     ]
     stored = [text for text in said if text.startswith("Line 6")]
     assert [text.split(": ")[1].split(" is")[0] for text in stored] == [
-        "(10,)",
+        "(10)",
         "(10, 10)",
-        "(20,)",
+        "(20)",
         "(20, 10)",
-        "(50,)",
+        "(50)",
         "(50, 10)",
     ]
     assert said[-4:] == [
