@@ -126,6 +126,11 @@ def test_the_command_finds_it_writes_it_and_undoes_it(folder, tmp_path):
     assert (even.std(axis=(0, 1)) < 0.01 * even.mean(axis=(0, 1))).all()
 
 
+def test_exposures_that_are_estimated_tell_none(folder):
+    with pytest.raises(InputError, match="up to a power"):
+        camera.calibrate(folder, "none", "estimate", vignette=True)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [((), "--chart 'auto' tells no vignetting"), (("--chart", "none"), "RAW files tell no vignetting")],

@@ -128,6 +128,8 @@ def calibrate(
     if vignette and chart != "none":
         raise InputError(f"chart={chart!r} tells no vignetting; use 'none' and a series of an evenly lit surface")
     estimated = isinstance(exposures, str) and exposures == _ESTIMATE
+    if vignette and estimated:
+        raise InputError("estimated exposures leave the vignetting open up to a power; give the exposures")
     seek_raw = chart != "none" or exposures is None
     plan = plan_photographs(given, None if estimated else exposures, seek_raw, white_level)
     for text in (plan.table(), *plan.notes) if plan.pairs else ():
