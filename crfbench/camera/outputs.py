@@ -107,9 +107,8 @@ def linearise_file(
         white_level, notes = find_white_level([image])
         for note in notes:
             say(note)
-    write_hdr(
-        out, linearise(WORKER.run(read_levels, image, white_level), passport, to=to, vignette=vignette), overwrite
-    )
+    levels = WORKER.run(read_levels, image, white_level)
+    write_hdr(out, linearise(levels, passport, to=to, vignette=vignette), overwrite)
     return out
 
 

@@ -249,6 +249,8 @@ def linearise(
     >>> linearise(np.array([[0, 128, 255]], dtype=np.uint8), GRID**2, dtype=np.uint16).tolist()
     [[0, 16513, 65535]]
     """
+    if dtype not in (np.dtype(np.float32), np.dtype(np.uint16)):
+        raise InputError(f"dtype={dtype!r} is not known; use float32 or uint16")
     if vignette:
         if not isinstance(response, Passport):
             raise InputError("curves alone hold no vignetting; use a passport of a series calibrated with it")
@@ -265,8 +267,6 @@ def linearise(
     curves = response.in_direction("inverse") if isinstance(response, Passport) else as_valid_curves(response)
     if len(curves) not in (1, 3):
         raise InputError(f"{len(curves)} curves do not match the channels of an image; use 1 or 3")
-    if dtype not in (np.dtype(np.float32), np.dtype(np.uint16)):
-        raise InputError(f"dtype={dtype!r} is not known; use float32 or uint16")
     if not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)) or not pixels.size:
         raise InputError(f"the image has shape {pixels.shape}; use (h, w) or (h, w, 3)")
     if len(curves) == 3 and pixels.ndim == 2:

@@ -183,6 +183,7 @@ def calibrate_series(
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
     model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
+    # How much the blocks tell, channels by themselves say as well, and sooner.
     alone = partial(calibrate, model, noise=noise, seed=seed, table=decode_table(model, seed=seed))
     fit = partial(alone, channels=channels)
     weighted = partial(_weighted, observations, _independent(alone(observations, "map")))

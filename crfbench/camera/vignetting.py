@@ -1,14 +1,19 @@
 """Vignetting, the fall of light toward the corners, from an exposure series of an evenly lit surface.
 
-The response of such a series needs no word of it, since each place is compared with itself. With the response known,
-log irradiance is log V(r) up to the exposure: linear in the coefficients, as in Kim and Pollefeys 2008, "Robust
-radiometric calibration and vignetting correction", doi:10.1109/TPAMI.2007.70732.
+The response of such a series needs no word of it, since each place is compared with itself. With the inverse response g
+known, brightness b at the distance r from the middle of photograph e, of an exposure c_e that need not be known, says
+
+    log g(b) = c_e + log V(r),   log V(r) = a_1 r^2 + a_2 r^4 + a_3 r^6,   r = 1 in the corners
+
+which is linear in a, as in Kim and Pollefeys 2008, "Robust radiometric calibration and vignetting correction",
+doi:10.1109/TPAMI.2007.70732.
 """
 
 from collections.abc import Iterable, Iterator
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.passport import linearise, squared_radius
@@ -16,7 +21,7 @@ from crfbench.camera.series import Image
 from crfbench.curves import Array
 from crfbench.errors import InputError
 
-_SIDE = 120  # places along the longer side of a photograph
+_SIDE = 60  # places along the longer side of a photograph
 _TERMS = 3  # of the polynomial
 _DARKEST = 0.02  # brightness; below, stray light counts as much as the scene
 _FEW, _WHOLE, _LEAST = 100, 1 - 1e-3, 1e-9
@@ -42,18 +47,16 @@ def find_vignetting(images: Iterable[Image], curves: Array) -> tuple[Array, floa
         Standard deviation of log V in the corner, by how the four quarters of the photographs differ.
     """
     logs, squared, quarters = (np.stack(each) for each in zip(*_places(images, curves), strict=True))
-    e, known = len(logs), np.isfinite(logs)
+    known = np.isfinite(logs)
     rows = [known & (quarters == quarter) for quarter in range(4)]
     if (least := min(row.sum() for row in rows)) < _FEW:
         raise InputError(
             f"a quarter of the photographs has {least} of {_FEW} places that are neither dark nor clipped, too few to "
             "tell the vignetting; use photographs of an evenly lit surface, well exposed to their corners"
         )
-    # Beside the coefficients, each photograph has an exposure of its own.
-    powers = squared[..., None] ** np.arange(1, _TERMS + 1)
-    x = np.concatenate([powers, np.broadcast_to(np.eye(e)[:, None], (*logs.shape, e))], axis=2)
-    corners = [_fit(x[row], logs[row])[0].sum() for row in rows]
-    (coefficients, usual), deviation = _fit(x[known], logs[known]), float(np.std(corners, ddof=1) / 2.0)
+    photograph = np.broadcast_to(np.arange(len(logs))[:, None], logs.shape)
+    each = [_fit(squared[row], logs[row], photograph[row]) for row in (known, *rows)]
+    (coefficients, usual), deviation = each[0], float(np.std([a.sum() for a, _ in each[1:]], ddof=1) / 2.0)
     if max(deviation, usual) > _UNEVEN:
         raise InputError(
             f"this is no evenly lit surface: beside what a lens does, light differs by {usual:.0%} between places, "
@@ -85,12 +88,18 @@ def _log_irradiance(image: Image, curves: Array) -> Array:
     return np.where(reduced(clear) > _WHOLE, np.log(np.maximum(light, _LEAST)).mean(axis=2), np.nan)
 
 
-def _fit(x: Array, y: Array) -> tuple[Array, float]:
+def _fit(squared: Array, logs: Array, photograph: NDArray[np.intp]) -> tuple[Array, float]:
     """Return coefficients and median residual by least squares, in which what is far off counts less."""
-    weight = np.ones(len(y))
+    columns = np.stack([*(squared**k for k in range(1, _TERMS + 1)), logs], axis=1)
+    weight = np.ones(len(logs))
     for _ in range(_ROUNDS):
-        found = np.linalg.lstsq(weight[:, None] * x, weight * y)[0]
-        off = np.abs(y - x @ found)
+        # Each photograph less its mean, which takes its exposure out.
+        total = np.maximum(np.bincount(photograph, weight), _LEAST)
+        mean = np.stack([np.bincount(photograph, weight * column) / total for column in columns.T], axis=1)
+        *x, y = (columns - mean[photograph]).T
+        root = np.sqrt(weight)
+        found = np.linalg.lstsq(root[:, None] * np.stack(x, axis=1), root * y)[0]
+        off = np.abs(y - found @ x)
         usual = float(np.median(off))
-        weight = np.sqrt(np.minimum(1.0, _FAR * usual / np.maximum(off, _LEAST)))
-    return np.asarray(found[:_TERMS]), usual
+        weight = np.minimum(1.0, _FAR * usual / np.maximum(off, _LEAST))
+    return np.asarray(found), usual
