@@ -27,6 +27,7 @@ matrices of the channels add up.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,6 +73,7 @@ def typical_slope(brightness: Array) -> Array:
     return 0.21 + 0.57 * brightness / (brightness + 0.036) + 0.32 / (1.057 - brightness)
 
 
+@cache
 def _level_weights() -> Array:
     """Return the log prior over (ratios, levels)."""
     level, scale = np.log(_LEVELS), np.log(_LEVELS) + np.log(_RATIOS)[:, None]

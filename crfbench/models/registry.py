@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -141,6 +142,7 @@ def _reading(name: str) -> Iterator["np.lib.npyio.NpzFile"]:
         raise FormatError(f"{name} is damaged ({error}); install crfbench again to restore it") from None
 
 
+@cache
 def channel_difference() -> Discrepancy:
     """Load how the channels of one camera differ from their mean."""
     with _reading(DISCREPANCIES) as learned:
