@@ -586,3 +586,14 @@ def test_a_floor_that_does_not_follow_the_exposure_is_found_and_told():
     assert "nothing follows the exposure" in found.warnings[0][-1]
     assert (found.curves[0][GRID < 20 / 255] == 0).all()
     assert (found.bands[0.9][1][0][GRID < 20 / 255] >= 0).all()
+
+
+@pytest.mark.parametrize("rows", [0, 6, 40])
+def test_a_level_that_stands_still_above_those_that_follow_is_no_floor(rows):
+    """As where something of that brightness does not take part; what lies between it and the floor is light."""
+    series = render_series(load_opencrf().curves[5], 3, size=(192, 128), stops=np.arange(-4.0, 3.0), decades=4.5)
+    curves = calibrate_series(series.images, series.stops).curves
+    images = [np.maximum(image, 24) for image in series.images]
+    for image in images:
+        image[:rows] = 50
+    assert (np.abs(255 * black_floor(images, series.stops, curves) - 25) <= 1).all()

@@ -272,8 +272,11 @@ def _floor(levels: NDArray[np.int16], stops: Array, curve: Array, pairs: list[tu
         expected = np.interp(light + stops[late] - stops[early], light, every) - every
         sums += np.bincount(now, rise, 256), many * expected, many
     risen, rises, count = (np.convolve(row, np.ones(3), "same") for row in sums)
-    still = (risen < 0.5 * rises) & (count > _FLOOR_SHARE * max(count.sum(), 1))
-    return int(np.flatnonzero(still[:_DARK]).max(initial=-1)) + 1
+    slow, seen = risen < 0.5 * rises, count > _FLOOR_SHARE * max(count.sum(), 1)
+    still, following = (np.flatnonzero(each[:_DARK]) for each in (slow & seen, ~slow & seen))
+    # A floor is one range of levels: what stands still above levels that follow again is no black, but moves, say.
+    above = following[following > still.min(initial=_DARK)].min(initial=_DARK)
+    return int(still[still < above].max(initial=-1)) + 1
 
 
 def _told(found: Calibration, sentences: Sequence[str]) -> Calibration:
