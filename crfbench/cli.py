@@ -20,6 +20,8 @@ from crfbench.errors import CrfbenchError, InputError
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
+    from crfbench.camera import Passport
+
 _CAMERA, _PAPER, _DATA = _PANELS = ("Your own camera", "The paper", "Data and models")
 app = typer.Typer(
     no_args_is_help=True,
@@ -258,18 +260,23 @@ def calibrate(
         raise InputError("--force replaces nothing with --each; remove the folders of OUT that are to be done again")
     if each:
         return _calibrate_each(source, out, options)
-    result = camera.calibrate(source, say=partial(typer.echo, err=True), **options)
+    say = partial(typer.echo, err=True)
+    result = camera.calibrate(source, say=say, **options)
     for problem in result.problems:
         typer.echo(f"left out: {problem.reason}", err=True)
-    for path in camera.write_outputs(result, out, overwrite=force):
+    for path in camera.write_outputs(result, out, force, say):
         typer.echo(path)
     low, high = result.passport.valid_range
     measured = f"measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
     typer.echo(f"{result.passport!r}: {measured}")
     if result.passport.matrix is not None:
         typer.echo(f"colour matrix, RAW to light: {camera.matrix_text(result.passport.matrix)}")
-    for warning in result.warnings:
-        typer.echo(f"warning: {warning}")
+    _warn(result.passport)
+
+
+def _warn(passport: "Passport") -> None:
+    for text in passport.warnings:
+        typer.echo(f"warning: {text}")
 
 
 def _calibrate_each(folders: list[Path], out: Path, options: dict[str, Any]) -> None:
@@ -277,9 +284,11 @@ def _calibrate_each(folders: list[Path], out: Path, options: dict[str, Any]) -> 
 
     failed = 0
     for i, (folder, problem) in enumerate(camera.calibrate_cameras(folders, out, **options)):
-        told = f"{folder}: {problem}" if problem else out / folder.resolve().name
-        typer.echo(f"{i + 1} of {len(folders)}: {told}")
+        done = out / folder.resolve().name
+        typer.echo(f"{i + 1} of {len(folders)}: {f'{folder}: {problem}' if problem else done}")
         failed += bool(problem)
+        if (passport := done / "passport.json").exists():
+            _warn(camera.read_response(passport))
     if failed:
         raise InputError(f"{failed} of {len(folders)} folders gave no response; see above, and call this again")
 
@@ -318,8 +327,8 @@ def convert(
     from crfbench.camera import read_response, write_response
 
     passport = read_response(source, format)
-    if passport.note:
-        typer.echo(f"{source}: {passport.note}", err=True)
+    for text in passport.warnings:
+        typer.echo(f"{source}: {text}", err=True)
     write_response(passport.channel(channel) if channel else passport, out, to, force)
     typer.echo(out)
 

@@ -154,6 +154,15 @@ def plot_residuals(result: "Calibration", index: int = 0, ax: Axes | None = None
     return ax
 
 
+def plot_vignetting(coefficients: ArrayLike, ax: Axes | None = None) -> Axes:
+    """Draw the light that `Passport.vignetting` leaves from the middle of a photograph to its corners."""
+    ax, r = new_axes(ax, 6.0, 3.0), np.linspace(0.0, 1.0, 101)
+    powers = r[:, None] ** (2.0 * np.arange(1, len(np.asarray(coefficients)) + 1))
+    ax.plot(r, 100 * np.exp(powers @ coefficients), color=PALETTE[0])
+    ax.set(xlabel="distance from the middle (corners: 1)", ylabel="light left (%)", xlim=(0, 1), ylim=(0, None))
+    return ax
+
+
 def plot_calibration(
     result: "Calibration",
     index: int = 0,

@@ -453,7 +453,8 @@ def test_every_problem_is_named(tmp_path, small_pair):
         "single.dng": "single.dng holds no preview; put the camera's JPEG of the same name beside it",
         **{name: f"{name} has more than one partner among two.dng, two.jpg, two.nef"
            for name in ("two.dng", "two.jpg", "two.nef")},
-        "bad.jpg": "bad.jpg is not a readable JPEG, PNG, TIFF, HEIC, AVIF or WebP file; use a complete one",
+        "bad.jpg": "bad.jpg is not a readable JPEG, PNG, TIFF, HEIC, AVIF or WebP file; "
+                   "use a complete one, of whole numbers of 8 or 16 bits",
         "size.jpg": "size.jpg is 320 x 240 and size.dng is 96 x 64 pixels; "
                     "use the JPEG of the same photograph, neither resized nor turned",
     }  # fmt: skip
@@ -586,6 +587,14 @@ def test_table(photographs):
     intensity = patch_intensity(frame)
     light = intensity.pivot_table(index="patch", columns="photograph", values="raw")
     np.testing.assert_allclose(light["e 2"] / light["e 1"], 2.0, rtol=0.02)
+
+
+def test_a_photograph_with_one_patch_unclipped_is_named(tmp_path):
+    burnt = render_chart(GAMMA, 1, exposure=400.0)
+    write_pair(tmp_path, "burnt", burnt)
+    _, measured, problems = chart_table(pair_photographs(tmp_path)[0], {"burnt": burnt.corners})
+    assert not measured
+    assert problems[0].reason.startswith("burnt.jpg: ")
 
 
 def test_jpeg_patches_follow_the_response_to_raw_patches(photographs):

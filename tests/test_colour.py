@@ -10,6 +10,7 @@ import tifffile
 from crfbench import camera
 from crfbench.calibration.colour import calibrate_colour, to_raw
 from crfbench.camera import Passport, linearise
+from crfbench.camera.calibrate import _warnings
 from crfbench.camera.formats import FORMATS, decode
 from crfbench.curves import GRID, evaluate
 from crfbench.datasets import load_opencrf, load_patches
@@ -237,8 +238,14 @@ def test_a_chart_with_raw_tells_the_matrix(result):
 
 
 def test_a_matrix_that_is_not_told_is_a_warning(result):
-    grey = dataclasses.replace(result, passport=dataclasses.replace(result.passport, told=False))
-    assert grey.warnings == ["the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"]
+    untold = dataclasses.replace(result.colour, told=np.array([False]))
+    said = _warnings(result.calibration, list(result.photographs), untold)
+    assert said == ["the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"]
+
+
+def test_what_holds_for_all_channels_is_said_once(result):
+    doubtful = dataclasses.replace(result.calibration, warnings=(("a", "b"), ("b",), ("b", "c")))
+    assert _warnings(doubtful, list(result.photographs), None) == ["b", "red: a", "blue: c"]
 
 
 def test_shared_gives_one_curve_and_no_matrix(folder):

@@ -2,9 +2,11 @@
 
 import errno
 import os
+import re
 import signal
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 from PIL import Image
 
 from crfbench import parallel
-from crfbench.camera import Passport, calibrate_cameras, many, read_response, render_series
+from crfbench.camera import Passport, calibrate_cameras, many, read_response, render_series, write_response
 from crfbench.curves import GRID
 from crfbench.errors import InputError, WorkerError
 from tests.support.command import run_command
@@ -130,6 +132,10 @@ def test_the_command_names_each_camera_and_what_failed(folders: list[Path], tmp_
     assert "1 of 3 folders gave no response" in told.stderr
     assert run_command("calibrate", *folders[::2], *arguments).returncode == 0
     assert set(passports(out)) == {"dark"}
+    doubtful = replace(passports(out)["dark"], warnings=("it is doubtful",))
+    write_response(doubtful, out / "bright" / "passport.json")
+    again = run_command("calibrate", *folders[::2], *arguments).stdout
+    assert re.search(r"of 2: \S*bright\nwarning: it is doubtful\n", again), again
 
 
 def test_a_worker_that_is_lost_is_told_and_the_next_call_goes_on(folders: list[Path], tmp_path: Path) -> None:

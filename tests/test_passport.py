@@ -79,6 +79,7 @@ passports = st.builds(
             "created": st.dates().map(lambda day: day.isoformat()),
             "version": texts,
             "white_level": st.sampled_from([255, 1023, 65535]),
+            "warnings": st.lists(texts).map(tuple),
         },
     ),
 )
@@ -261,12 +262,12 @@ def test_the_longest_ending_tells_the_format(tmp_path):
     assert np.load(tmp_path / "a.opencv.npy").shape == (256, 1, 3)
     write_response(ONE, tmp_path / "a.npy")
     assert np.load(tmp_path / "a.npy").shape == (1024,)
-    write_response(ONE, tmp_path / "a.txt", format="pcalib")
+    write_response(ONE, tmp_path / "a.txt", to="pcalib")
     assert read_response(tmp_path / "a.txt", format="pcalib").direction == "inverse"
-    with pytest.raises(InputError, match=r"b\.txt tells no format; let it end in one of \.json, \.csv"):
+    with pytest.raises(InputError, match=r"b\.txt tells no format that is written; let it end in one of \.json, \.csv"):
         write_response(ONE, tmp_path / "b.txt")
-    with pytest.raises(InputError, match="format='exr' is not known; use one of passport, csv"):
-        write_response(ONE, tmp_path / "a.exr", format="exr")
+    with pytest.raises(InputError, match="to='exr' is not known; use one of passport, csv"):
+        write_response(ONE, tmp_path / "a.exr", to="exr")
     with pytest.raises(MissingDataError, match=r"no file .*b\.npy"):
         read_response(tmp_path / "b.npy")
 

@@ -441,6 +441,7 @@ def test_many_times_are_no_name_of_a_file(tmp_path, between):
     [
         ("t.txt", "# of a lens\n\nd.jpg 2\nA B.jpg  1/2 # said\nc.jpg,1\n", "t.txt is read as lines of name and time"),
         ("t.csv", "\ufeffa b;0.5\r\nc;1\r\nd;2\r\n", "t.csv is read as lines of name and time"),
+        ("t.csv", "file,time\na b.jpg,0.5\nc.jpg,1\nd.jpg,2\n", "t.csv is read as lines of name and time"),
         ("list.txt", "a b.jpg 2\nc.jpg 1\nd.jpg 0.5", "list.txt is read as lines of name and 1/time, as in OpenCV's"),
         ("t.txt", "d 1305031102.2 2\nc 1305031102.1 1\na b 1305031102.0 1/2", "lines of name and time"),
         ("t.txt", "0.5\n1\n2\n", ""),
@@ -465,7 +466,7 @@ def test_a_list_that_lacks_a_photograph(three):
     assert problems[0].reason.startswith("a b.jpg does not tell its exposure; give times")
     for text, message in (
         ("x 1\ny 2", r"t\.txt names none of"),
-        ("c.jpg 1\nd.jpg two", "'two' is not an exposure time"),
+        ("c.jpg 1\nd.jpg two", "t.txt, line 'd.jpg two': 'two' is not an exposure time"),
     ):
         (three / "t.txt").write_text(text)
         with pytest.raises(InputError, match=message):

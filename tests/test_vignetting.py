@@ -117,6 +117,7 @@ def test_the_command_finds_it_writes_it_and_undoes_it(folder, tmp_path):
     assert left == pytest.approx(100 * np.exp(sum(TRUE)), abs=1)
     passport = camera.read_response(out / "passport.json")
     np.testing.assert_allclose(passport.falloff(*SIZE), falloff(), rtol=0.02)
+    assert "Share of the light that is left" in (out / "report.html").read_text()
     picture = cv2.imread(str(out / "vignette.png"), cv2.IMREAD_UNCHANGED)
     assert picture.dtype == np.uint16
     np.testing.assert_allclose(picture / 65535, passport.falloff(*SIZE) / passport.falloff(*SIZE).max(), atol=1e-5)

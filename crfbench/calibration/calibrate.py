@@ -121,8 +121,8 @@ class Calibration:
 METHODS = ("paper", "grid", "lm", "map", "posterior")
 
 _FEW = 4  # patches; with fewer, the prior says much
-# Times the stated noise; beyond, something else than noise is at work. With the discrepancy whole steps of it are told.
-_WIDE, _WIDE_WITH_DISCREPANCY = 1.25, 2.0
+# Times the stated noise; beyond, something else than noise is at work. With the discrepancy steps up to 4 are told.
+_WIDE, _WIDE_WITH_DISCREPANCY = 1.25, 3.0
 
 
 def calibrate(
@@ -178,7 +178,6 @@ def calibrate(
     check_count("starts", starts)
     check_seed(seed)
     began = time.perf_counter()
-    limit = _WIDE_WITH_DISCREPANCY if discrepancy else _WIDE
     scale = samples = curves = None
     if method == "paper":
         z = descend(AlignedLoss(observations, offset), model, starts, seed)
@@ -203,7 +202,7 @@ def calibrate(
     params = model.from_unconstrained(z)
     curves = model.decode(params) if curves is None else curves
     bands = {} if samples is None else _bands(samples, curves if discrepancy else None)
-    warnings, seconds = _warnings(model, observations, z, scale, samples, limit), time.perf_counter() - began
+    warnings, seconds = _warnings(model, observations, z, scale, samples, discrepancy), time.perf_counter() - began
     return Calibration(model, method, observations, noise, params, curves, warnings, seconds, scale, samples, bands)
 
 
@@ -243,9 +242,10 @@ def _warnings(
     z: Array,
     scale: Array | None,
     samples: PosteriorSamples | None,
-    limit: float,
+    discrepancy: bool,
 ) -> tuple[tuple[str, ...], ...]:
     wide = np.zeros(len(z)) if scale is None else scale
+    limit, times = (_WIDE_WITH_DISCREPANCY, "{:.0f} times or more") if discrepancy else (_WIDE, "{:.1f} times")
     used = observations.weights > 0
     clipped, total = (observations.clipped & used).sum(axis=(1, 2)), used.sum(axis=(1, 2))
     patches = observations.counts.any(axis=1).sum(axis=1)
@@ -259,8 +259,8 @@ def _warnings(
                 (falling[i], "brightness falls where the reference rises; check the order of the patches"),
                 (
                     wide[i] > limit,
-                    f"the observations scatter {wide[i]:.1f} times as widely as their noise lets expect; check that "
-                    "the scene stood still and that exposures and reference are right",
+                    f"the observations scatter {times.format(wide[i])} as widely as their noise lets expect; check "
+                    "that the scene stood still and that exposures and reference are right",
                 ),
                 (flat[i], "the observations say little: the curve is mostly what the model expects beforehand"),
                 (edge[i], "the best parameters lie at the edge of what the prior expects"),

@@ -16,7 +16,7 @@ from crfbench.calibration.colour import ColourCalibration, calibrate_colour
 from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart, weighed_by_scatter
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.pairs import calibrate_pairs, scene_pairs
-from crfbench.camera.passport import Passport
+from crfbench.camera.passport import CHANNELS, Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
 from crfbench.camera.series import calibrate_series, find_shifts, reduce_photograph, shifted
@@ -37,7 +37,7 @@ _CONTRADICTS = 0.5  # stops, between two photographs
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CameraCalibration:
     """What the photographs of one camera gave."""
 
@@ -51,15 +51,14 @@ class CameraCalibration:
     notes: list[str] = field(default_factory=list)  # what was assumed of the files, in sentences
     colour: ColourCalibration | None = None  # where RAW files told the channels
 
+    def __repr__(self) -> str:
+        told = f"{len(self.photographs)} photographs, {len(self.warnings)} warnings"
+        return f"CameraCalibration({self.passport!r}, {told})"
+
     @property
     def warnings(self) -> list[str]:
-        """What is to be said of the curves, with the channel's name where there are three."""
-        three = len(self.passport.curves) == 3
-        pairs = zip(self.passport.channels, self.calibration.warnings, strict=True)
-        said = [f"{name}: {text}" if three else text for name, texts in pairs for text in texts]
-        mixed = "the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"
-        diagonal = [mixed] if self.passport.told is False else []
-        return [*said, *diagonal, *_contradictions(self.calibration, list(self.photographs))]
+        """What is to be said of the curves, as the passport keeps it."""
+        return list(self.passport.warnings)
 
 
 def calibrate(
@@ -263,6 +262,16 @@ def _shifted(shifts: NDArray[np.intp], names: list[str]) -> str:
     return f"shifted to lie over the others, in pixels: {', '.join(moved)}"
 
 
+def _warnings(calibration: Calibration, names: list[str], colour: ColourCalibration | None) -> list[str]:
+    """Say what is doubtful of the curves; with the channel's name where it does not hold for all."""
+    common = [text for text in calibration.warnings[0] if all(text in texts for texts in calibration.warnings)]
+    pairs = zip(CHANNELS[len(calibration)], calibration.warnings, strict=True)
+    single = [f"{name}: {text}" for name, texts in pairs for text in texts if text not in common]
+    mixed = "the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"
+    diagonal = [mixed] if colour is not None and not colour.told[0] else []
+    return [*common, *single, *diagonal, *_contradictions(calibration, names)]
+
+
 def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
     """Name the photographs that are not as far from the one before as their exposures say."""
     given = calibration.observations.exposures
@@ -271,11 +280,15 @@ def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
     order = np.argsort(given[0], kind="stable")
     steps, off = np.diff(given[0, order]), np.diff(np.median(calibration.exposure_errors, axis=0)[order])
     said = [
-        f"{names[late]} is {round(step + more, 1) + 0.0:.1f} stops above {names[early]}; its exposure says {step:.1f}"
+        f"{names[late]} is {_apart(step + more)} {names[early]}; its exposure says {_apart(step)} it"
         for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
         if abs(more) > _CONTRADICTS
     ]
     return [*said, "where exposures are wrong, --exposures estimate takes the photographs' word"] if said else []
+
+
+def _apart(stops: float) -> str:
+    return f"{abs(stops):.1f} stops {'above' if stops >= 0 else 'below'}"
 
 
 def _passport(
@@ -302,6 +315,7 @@ def _passport(
         valid_range=(float(darkest), float(brightest)),
         created=created,
         white_level=used.white_level,
+        warnings=tuple(_warnings(calibration, [pair.name for pair in used.pairs], colour)),
         **({} if colour is None else {"matrix": colour.matrix[0], "soft": colour.soft[0], "told": colour.told[0]}),
     )
 

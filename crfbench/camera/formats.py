@@ -49,7 +49,7 @@ _KIND = "crfbench response passport"
 _VERSION = 1
 _NAMES = tuple(field.name for field in fields(Passport))
 # Which the first passports did not hold.
-_LATER = {"white_level": None, "note": "", **dict.fromkeys(("matrix", "soft", "told", "vignetting"))}
+_LATER = {"warnings": (), **dict.fromkeys(("white_level", "matrix", "soft", "told", "vignetting"))}
 
 
 def _write_json(passport: Passport) -> bytes:
@@ -68,6 +68,8 @@ def _read_json(data: bytes) -> Passport:
     if content.get("schema") != _VERSION:
         raise FormatError(f"its schema is {str(content.get('schema'))[:20]!r}; this crfbench reads {_VERSION}")
     values = {name: value for name, value in content.items() if name not in ("format", "schema")}
+    if note := values.pop("note", None):  # as one warning was called
+        values["warnings"] = [note]
     if odd := {**_LATER, **values}.keys() ^ set(_NAMES):
         raise FormatError(f"these entries are missing or unknown: {', '.join(sorted(odd))[:100]}")
     return Passport(**values)
@@ -385,7 +387,7 @@ _MOST_BYTES = 32 * 2**20
 _HEAD_BYTES = 2**16
 
 
-def write_response(passport: Passport, path: str | Path, format: str | None = None, overwrite: bool = False) -> None:
+def write_response(passport: Passport, path: str | Path, to: str | None = None, overwrite: bool = False) -> None:
     """Write the response for another program.
 
     For "hugin" the published EMoR basis must have been fetched, else this is a `MissingDataError`.
@@ -395,21 +397,20 @@ def write_response(passport: Passport, path: str | Path, format: str | None = No
     passport : Passport
         Of as many curves as the format's `channels` say.
     path : path
-    format : str, optional
-        A name in `crfbench.camera.FORMATS`; by default that of the end of the file's name.
+    to : str, optional
+        A name in `crfbench.camera.FORMATS` of a format that has `channels`; by default by the end of the file's name.
     overwrite : bool
     """
-    name = _by_ending(path, FORMATS) if format is None else check_choice("format", format, FORMATS)
+    written = {name: each.write for name, each in FORMATS.items() if each.write}
+    name = _by_ending(path, written) if to is None else check_choice("to", to, written)
     if name is None:
-        ends = ", ".join(each.suffix for each in FORMATS.values() if each.write)
-        raise InputError(f"the name {path} tells no format; let it end in one of {ends}")
-    *_, write, channels = FORMATS[name]
-    if write is None:
-        raise InputError(f"format={name!r} is only read; use another, such as csv, cube or opencv")
+        ends = ", ".join(FORMATS[each].suffix for each in written)
+        raise InputError(f"the name {path} tells no format that is written; let it end in one of {ends}")
+    channels = FORMATS[name].channels
     if (held := len(passport.curves)) not in channels:
         use = "passport.channel('green') or --channel green"
         raise InputError(f"this passport has {held} curves and the format {name!r} holds one curve; use {use}")
-    write_new(path, write(passport), overwrite)
+    write_new(path, written[name](passport), overwrite)
 
 
 def read_response(path: str | Path, format: str | None = None) -> Passport:
@@ -427,7 +428,7 @@ def read_response(path: str | Path, format: str | None = None) -> Passport:
     Returns
     -------
     Passport
-        What the format does not carry stays unknown; `note` says what had to be repaired.
+        What the format does not carry stays unknown; `warnings` say what had to be repaired.
     """
     if format is not None:
         check_choice("format", format, FORMATS)

@@ -57,7 +57,7 @@ def scaled(curves: Array, direction: Direction = "inverse", **known: Any) -> Pas
     """Make the passport of curves (c, 1024) of any scale, of which noise may have spoilt the shape.
 
     Irradiance has no scale of its own, so each curve is divided by its last value. The nearest valid curve takes its
-    place; where a sample would move by more than 0.01 this is a `FormatError`, and the note tells the most that one
+    place; where a sample would move by more than 0.01 this is a `FormatError`, and a warning tells the most that one
     moved.
     """
     if not (curves[:, -1] > 0).all():
@@ -68,8 +68,8 @@ def scaled(curves: Array, direction: Direction = "inverse", **known: Any) -> Pas
     if moved > _MOST_REPAIR:
         use = f"use one that does by {_MOST_REPAIR:g} or less"
         raise FormatError(f"a curve falls or begins off 0, by {moved:.2g} of its end; {use}")
-    note = f"made valid as it was read: no sample moved by more than {moved:.1e}" if moved > END_TOLERANCE else ""
-    return Passport(direction, merged(valid), note=note, **known)
+    said = [f"made valid as it was read: no sample moved by more than {moved:.1e}"] if moved > END_TOLERANCE else []
+    return Passport(direction, merged(valid), warnings=tuple(said), **known)
 
 
 def merged(curves: Array) -> Array:

@@ -36,7 +36,7 @@ _MIN_BOX_PIXELS, _FEW_PIXELS, _MAX_BOX_PIXELS = 4, 8, 128
 _MIN_CONFIDENCE, _LEAST_CONFIDENCE, _FARTHEST = 0.8, 0.5, 1.1
 # The spread within patches in units of that of all: charts have 0.02 to 0.46, a grid beside the patches 0.5 to 1.1.
 _MOST_UNEVEN = 0.5
-_MANY_CLIPPED = 6
+_MANY_CLIPPED, _FEWEST = 6, 2
 _GREY_TOLERANCE = 0.02  # by which the grey row may rise between two patches, both black or both white
 _GREY_ROW = slice(18, 24)
 _BLACK, _WHITE = 0.5 / 65535, 253.5 / 255  # 0 and 254 of 255, as in the Middlebury table, halfway to the next values
@@ -327,9 +327,13 @@ def _measured(
     pair: Pair, corners: ArrayLike | None, white_level: int | None
 ) -> MeasuredChart | FormatError | InputError:
     try:
-        return WORKER.run(measure_photograph, pair.jpeg, pair.raw, corners, white_level)
+        found = WORKER.run(measure_photograph, pair.jpeg, pair.raw, corners, white_level)
     except (FormatError, InputError) as error:
         return error
+    clear = np.all([each.clipped < CLIPPED_SHARE for each in (found.jpeg, found.raw) if each], axis=0)
+    if clear.sum() >= _FEWEST:
+        return found
+    return InputError(f"{N_PATCHES - clear.sum()} of {N_PATCHES} patches are clipped; use another exposure")
 
 
 def _values(values: PatchValues | None) -> Array:

@@ -31,11 +31,16 @@ _REPORT, _MERGED, _VIGNETTE = "report.html", "merged.exr", "vignette.png"
 _GREYS = slice(18, 24)
 
 
-def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool = False) -> Iterator[Path]:
+def write_outputs(
+    result: CameraCalibration,
+    folder: str | Path,
+    overwrite: bool = False,
+    say: Callable[[str], object] = lambda text: None,
+) -> Iterator[Path]:
     """Write passport, exports, report and merged image into a folder, yielding each path as it is complete.
 
-    An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out, and of three
-    curves what holds but one.
+    An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out, and `say`
+    told so; of three curves what holds but one is left out too.
 
     Parameters
     ----------
@@ -59,7 +64,8 @@ def write_outputs(result: CameraCalibration, folder: str | Path, overwrite: bool
     for name, path in paths.items():
         try:
             write_response(result.passport, path, name, overwrite)
-        except MissingDataError:
+        except MissingDataError as error:
+            say(f"{path.name} is left out: {error}")
             continue
         yield path
     write_new(folder / _REPORT, page.encode(errors="replace"), overwrite)
@@ -100,8 +106,8 @@ def linearise_file(
     """
     passport = read_response(response, format)
     check_new(out, overwrite)
-    if passport.note:
-        say(f"{response}: {passport.note}")
+    for text in passport.warnings:
+        say(f"{response}: {text}")
     white_level = white_level or passport.white_level
     if white_level is None:
         white_level, notes = find_white_level([image])
@@ -155,9 +161,9 @@ def report_page(result: CameraCalibration) -> str:
     import matplotlib as mpl
     from jinja2 import Environment, StrictUndefined
 
-    from crfbench.plots import plot_calibration, plot_residuals
+    from crfbench.plots import plot_calibration, plot_residuals, plot_vignetting
 
-    calibration = result.calibration
+    calibration, vignetting = result.calibration, result.passport.vignetting
     with mpl.rc_context({"svg.hashsalt": "crfbench"}):  # else the names inside a picture would differ every time
         curves = {
             name: [
@@ -166,11 +172,12 @@ def report_page(result: CameraCalibration) -> str:
             ]
             for i, name in enumerate(result.passport.channels)
         }
+        fall = None if vignetting is None else _picture(6.0, 3.0, partial(plot_vignetting, vignetting))
     # Names of files and cameras come from strangers: the template escapes them.
     source = files("crfbench.camera").joinpath("report.html.jinja").read_text(encoding="utf-8")
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(source)
     chart = _chart(result) if result.measured else None
-    return template.render(result=result, facts=_facts(result), curves=curves, chart=chart)
+    return template.render(result=result, facts=_facts(result), curves=curves, vignetting=fall, chart=chart)
 
 
 def _facts(result: CameraCalibration) -> dict[str, str]:

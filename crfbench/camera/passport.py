@@ -18,7 +18,7 @@ CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _MOST_FALL = 30.0  # of the coefficients of log V together; more is no lens
-_TEXTS = ("camera", "model", "data_sha256", "version", "created", "note")
+_TEXTS = ("camera", "model", "data_sha256", "version", "created")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,8 +52,9 @@ class Passport:
         Of the crfbench that made it; by default this one.
     white_level : int, optional
         That counted as brightness 1 in images of 16 bits, where it was not 65535.
-    note : str
-        What was done to the curves of another program as they were read, such as the repair of small falls.
+    warnings : sequence of str
+        What is to be said wherever the curves are used, in sentences: of doubt in the calibration, or of what was
+        repaired in the curves of another program.
     matrix : array_like, shape (3, 3), optional
         What mixes RAW to the light that the three curves bend; given if and only if `soft` and `told` are.
     soft : float, optional
@@ -85,7 +86,7 @@ class Passport:
     created: str = ""
     version: str = field(default_factory=lambda: version("crfbench"))
     white_level: int | None = None
-    note: str = ""
+    warnings: tuple[str, ...] = ()
     matrix: Array | None = None
     soft: float | None = None
     told: bool | None = None
@@ -101,6 +102,9 @@ class Passport:
             raise InputError(f"{len(curves)} curves are not a passport's; use 1 (intensity) or 3 (red, green, blue)")
         self._set(curves=curves, **_checked_band(self.low, self.high, self.level, curves.shape))
         self._set(params=_checked_params(self.params, len(curves)), valid_range=_checked_range(self.valid_range))
+        if not isinstance(self.warnings, list | tuple) or not all(isinstance(text, str) for text in self.warnings):
+            raise InputError(f"warnings={self.warnings!r} are not texts; use a list of str")
+        self._set(warnings=tuple(self.warnings))
         if self.iso is not None:
             self._set(iso=check_count("iso", self.iso))
         if self.white_level is not None:
@@ -113,7 +117,8 @@ class Passport:
             raise InputError(f"data_sha256={self.data_sha256!r} is not a SHA-256; use 64 small hexadecimal digits")
 
     def __repr__(self) -> str:
-        return f"Passport({self.camera!r}, {self.direction}, {', '.join(self.channels)})"
+        name = [repr(self.camera)] if self.camera else []
+        return f"Passport({', '.join([*name, self.direction, *self.channels])})"
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -321,7 +321,11 @@ def _listed_times(path: Path, pairs: Sequence[Pair]) -> tuple[Array, list[str]]:
     for line, row in zip(lines, rows, strict=True):
         # A name may hold spaces, and between name and time other columns may stand.
         whole = line.removesuffix(row[-1]).rstrip(" \t,;")
-        times[_folded(whole)] = times[_folded(row[0])] = _seconds(row[-1])
+        try:
+            times[_folded(whole)] = times[_folded(row[0])] = _seconds(row[-1])
+        except InputError as error:
+            if line != lines[0]:  # which may name the columns
+                raise InputError(f"{path.name}, line {line[:60]!r}: {error}") from None
     keys = ([_folded(name) for name in (pair.jpeg.name, pair.name, pair.jpeg.stem)] for pair in pairs)
     found = np.array([next((times[key] for key in each if key in times), np.nan) for each in keys])
     if np.isnan(found).all():
@@ -410,7 +414,7 @@ def read_planned(plan: Plan, read: Callable[[Path, int | None], Read]) -> tuple[
     for pair, stop in zip(plan.pairs, plan.stops, strict=True):
         try:
             if np.isnan(stop):
-                give = "give times (--exposures 1/60,1/30,...)"
+                give = "give times (--exposures 1/60,1/30,...), or names that hold one, such as a_1_60s.jpg"
                 raise FormatError(f"{pair.jpeg.name} does not tell its exposure; {give}")
             images[pair.jpeg] = WORKER.run(read, pair.jpeg, plan.white_level)
         except FormatError as error:

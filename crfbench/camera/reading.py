@@ -236,7 +236,8 @@ def _open_image(path: Path) -> _Image:
         try:
             image = _opened(content)
         except damage:
-            raise FormatError(f"{path.name} is not a readable {IMAGES} file; use a complete one") from None
+            use = "use a complete one, of whole numbers of 8 or 16 bits"
+            raise FormatError(f"{path.name} is not a readable {IMAGES} file; {use}") from None
     width, height = image.decoder.size
     _check_size(path, width, height)
     if path.suffix.lower() in RAW_SUFFIXES and max(width, height) < MIN_PREVIEW:

@@ -202,7 +202,7 @@ def calibrate_series(
         found, below = fit(weighted(light), method), floor[:, None] > GRID
         bands = {level: (np.where(below, 0.0, low), high) for level, (low, high) in found.bands.items()}
         found = replace(found, curves=np.where(below, 0.0, found.curves), bands=bands)
-        text = "below brightness {:.3f} nothing follows the exposure: it counts as irradiance 0"
+        text = "below brightness {:.3f} nothing follows the exposure, by noise or a floor: it counts as irradiance 0"
         found = _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
     share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
     text = "{:.0%} of the blocks do not follow the exposures, as where something moves; they are left out"
@@ -384,8 +384,8 @@ def as_stops(exposures: ArrayLike, n: int) -> Array:
     if stops.shape != (n,) or not np.isfinite(stops).all():
         raise InputError(f"exposures={stops.tolist()} do not match {n} images; use one finite number of stops an image")
     if not 0 < np.ptp(stops) <= _STOPS:
-        use = f"use unequal ones, {_STOPS:g} stops apart or less"
-        raise InputError(f"exposures={stops.tolist()} span {np.ptp(stops):g} stops; {use}")
+        use = f"use unequal ones, {_STOPS:g} stops apart or less, or estimate"
+        raise InputError(f"the exposures of {n} images span {np.ptp(stops):g} stops; {use}")
     return stops
 
 
