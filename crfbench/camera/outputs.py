@@ -39,8 +39,8 @@ def write_outputs(
 ) -> Iterator[Path]:
     """Write passport, exports, report and merged image into a folder, yielding each path as it is complete.
 
-    An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out, and `say`
-    told so; of three curves what holds but one is left out too.
+    An export that needs data which are not here (Hugin's, without the published EMoR basis) is left out, and of three
+    curves what holds but one.
 
     Parameters
     ----------
@@ -48,6 +48,8 @@ def write_outputs(
     folder : path
     overwrite : bool
         Else, where one of the files is there, `InputError` is raised before anything is written.
+    say : callable, optional
+        Is told what is left out for want of data.
     """
     folder = Path(folder)
     held = len(result.passport.curves)
