@@ -130,6 +130,17 @@ def test_what_moves_is_left_out_and_told():
     assert not any("do not follow" in text for told in still.warnings for text in told)
 
 
+@pytest.mark.parametrize("visited", [1, 3])
+def test_the_photograph_that_something_passed_through_is_named(visited):
+    series = render_series(load_opencrf().curves[0], 0, size=(480, 320))
+    images = [image.copy() for image in series.images]
+    cv2.circle(images[visited], (200, 160), 80, (120, 90, 60), -1)
+    named = [reduce_image(image, f"{i}.jpg") for i, image in enumerate(images)]
+    for given, name in ((named, f"{visited}.jpg"), (images, f"photograph {visited + 1}")):
+        warned = calibrate_series(given, series.stops).warnings
+        assert all(f"most in {name}; they are left out" in "".join(texts) for texts in warned)
+
+
 @pytest.mark.parametrize(("more", "told"), [(12, False), (60, True)])
 def test_stray_light_in_dark_places_is_no_movement(more, told):
     """Twelve levels of 255 are much irradiance where it is dark, and yet a small change of brightness."""

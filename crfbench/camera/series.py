@@ -58,20 +58,22 @@ class Reduced(NamedTuple):
     blocks: Array  # shape (3, c, m); mean, least and greatest brightness
     pixels: NDArray[np.uint8]  # shape (m, c); the high byte of values of 16 bits
     picture: NDArray[np.uint8]
+    name: str
 
 
 def reduce_photograph(path: Path, white_level: int | None = None, shift: tuple[int, int] = (0, 0)) -> Reduced:
     """Read a photograph as `read_levels` does, shift it and reduce it, or raise `FormatError`."""
-    return reduce_image(shifted(read_levels(path, white_level), *shift))
+    return reduce_image(shifted(read_levels(path, white_level), *shift), path.name)
 
 
-def reduce_image(image: ArrayLike) -> Reduced:
+def reduce_image(image: ArrayLike, name: str = "") -> Reduced:
     """Reduce an image (h, w) or (h, w, c) to what `calibrate_series` needs."""
     (array,) = _as_images([image])
     pixels = array.reshape(-1, array.shape[2])[:: max(1, array[..., 0].size // _FLOOR_PIXELS)]
     high = pixels >> 8 if pixels.dtype == np.uint16 else pixels
     blocks = np.stack([_blocks(array[..., c]) for c in range(array.shape[2])], axis=1)
-    return Reduced(np.shape(image), array.dtype, float(array.mean()), blocks, high.astype(np.uint8), equalised(array))
+    picture = equalised(array)
+    return Reduced(np.shape(image), array.dtype, float(array.mean()), blocks, high.astype(np.uint8), picture, name)
 
 
 def align_series(images: Sequence[ArrayLike], exposures: ArrayLike) -> tuple[list[Image], NDArray[np.intp]]:
@@ -188,8 +190,10 @@ def calibrate_series(
     fit = partial(alone, channels=channels)
     weighted = partial(_weighted, observations, _independent(alone(observations, "map")))
     found, still = fit(weighted(), method), np.ones(observations.brightness.shape, dtype=bool)
+    moved = ~still
     for _ in range(_ROUNDS):
-        rest = still & ~_moved(found)
+        moved = moved | _moved(found)
+        rest = still & ~moved.any(axis=1, keepdims=True)
         left = rest[:, 0].mean(axis=1)
         if (still[:, 0].mean() - left.mean()) < _FEW or left.min() < _LEFT:
             break
@@ -205,18 +209,19 @@ def calibrate_series(
         text = "below brightness {:.3f} nothing follows the exposure, by noise or a floor: it counts as irradiance 0"
         found = _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
     share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
-    text = "{:.0%} of the blocks do not follow the exposures, as where something moves; they are left out"
-    return _told(found, [text.format(each) if each > _FEW else "" for each in share])
+    text = "{:.0%} of the blocks do not follow the exposures, as where something moves, most in {}; they are left out"
+    names = [images[k].name or f"photograph {k + 1}" for k in moved.sum(axis=2).argmax(axis=1)]
+    return _told(found, [text.format(*each) if each[0] > _FEW else "" for each in zip(share, names, strict=True)])
 
 
 def _moved(found: Calibration) -> NDArray[np.bool_]:
-    """Say which blocks are far off the rest in a photograph, shape (n, 1, p): where something moves, they are."""
+    """Say where blocks are far off what the others say, as in a photograph where something moved, shape (n, e, p)."""
     residuals = np.ma.array(found.residuals, mask=~found.observations.counts)
     off = np.abs(residuals - np.ma.median(residuals, axis=2)[..., None])
     usual = np.ma.median(off.reshape(len(off), -1), axis=1)[:, None, None]
     seen = np.ma.array(found.observations.brightness, mask=residuals.mask)
     far = (off > np.maximum(_OFF * np.maximum(1.0, _BRIGHT / seen), _FAR * usual)) & (seen > _ABOVE + seen.min())
-    return np.asarray(far.filled(False).any(axis=1, keepdims=True))
+    return np.asarray(far.filled(False))
 
 
 def _estimated(

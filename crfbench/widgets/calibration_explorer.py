@@ -223,17 +223,14 @@ def _density(result: Calibration, table: Table) -> dict[str, Any]:
     z, model = table.unconstrained[:, 0], result.model
     rows = [np.exp(table.log_prior) / (z[1] - z[0])]
     if result.samples is not None:
-        # Samples are the rows of the table themselves, or draws: of those, a histogram.
-        edges = z[:: len(z) // 64]
-        drawn = result.samples.unconstrained[0, :, 0]
-        height, _ = np.histogram(drawn, edges, weights=result.samples.weights[0], density=True)
-        exact = len(drawn) == len(z)
-        rows.append(
-            result.samples.weights[0] / (z[1] - z[0]) if exact else np.interp(z, 0.5 * (edges[1:] + edges[:-1]), height)
-        )
-        if exact:
-            likelihood = rows[1] / rows[0]
-            rows.append(likelihood / likelihood.sum() / (z[1] - z[0]))
+        drawn, weights = result.samples.unconstrained[0, :, 0], result.samples.weights[0]
+        if len(drawn) == len(z):  # samples are the rows of the table themselves
+            likelihood = weights / rows[0]
+            rows += [weights / (z[1] - z[0]), likelihood / likelihood.sum() / (z[1] - z[0])]
+        else:  # or draws, equally likely
+            width = max(float(np.std(drawn)) * len(drawn) ** -0.2, z[1] - z[0])  # Scott's rule
+            heights = np.exp(-0.5 * ((z[:, None] - drawn) / width) ** 2).mean(axis=1)
+            rows.append(heights / (np.sqrt(2.0 * np.pi) * width))
     densities = np.stack(rows)
     # Where each is less than a thousandth of its peak, nothing would be seen of it.
     seen = np.flatnonzero((densities > 1e-3 * densities.max(axis=1, keepdims=True)).any(axis=0))
