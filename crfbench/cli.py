@@ -267,7 +267,8 @@ def calibrate(
     for path in camera.write_outputs(result, out, force, say):
         typer.echo(path)
     low, high = result.passport.valid_range
-    measured = f"measured from brightness {low:.2f} to {high:.2f}, {len(result.photographs)} photographs"
+    count = len(result.photographs)
+    measured = f"measured from brightness {low:.2f} to {high:.2f}, {count} photograph{'s'[: count - 1]}"
     typer.echo(f"{result.passport!r}: {measured}")
     if result.passport.matrix is not None:
         typer.echo(f"colour matrix, RAW to light: {camera.matrix_text(result.passport.matrix)}")

@@ -149,7 +149,7 @@ def test_exposures_that_contradict_the_photographs_can_be_estimated(tmp_path):
     assert "--exposures estimate" in wrong.warnings[-1]
     assert any(text.startswith("c is ") and "its exposure says 3.0" in text for text in wrong.warnings)
     right = camera.calibrate(tmp_path, "none", "estimate")
-    assert not any("stops above" in text for text in right.warnings)
+    assert not any("stops" in text for text in right.warnings)
     stops = right.calibration.observations.exposures[0]
     np.testing.assert_allclose(np.diff(stops), np.diff(stops).mean(), atol=0.15)
     light = right.merged.radiance[right.merged.weight > 0]

@@ -209,6 +209,9 @@ def _from_series(
     model = key.load()
     if error is None:
         plan = replace(plan, stops=np.zeros(len(plan.pairs)))
+    if len(plan.pairs) > 1 and np.isnan(plan.stops).all():
+        give = "give times (--exposures 1/60,1/30,...), a file of them, names that hold one, or estimate"
+        raise InputError(f"none of {len(plan.pairs)} photographs tells its exposure; {give}")
     images, used = read_planned(plan, reduce_photograph)
     if len(images) < 2:
         left = "".join(f", {pair.jpeg.name}" for pair in used.pairs)
@@ -296,6 +299,7 @@ def _passport(
 ) -> Passport:
     """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files."""
     exif = next((exif for exif in used.exifs if exif.model), used.exifs[0])
+    names = [pair.name for pair in used.pairs] if used.stops.any() else []  # estimated exposures contradict nothing
     files = [path for pair in used.pairs for path in (pair.jpeg, pair.raw) if path is not None]
     low, high = (repair(curves) for curves in calibration.bands[_LEVEL])
     curve = repair(calibration.curves)
@@ -315,7 +319,7 @@ def _passport(
         valid_range=(float(darkest), float(brightest)),
         created=created,
         white_level=used.white_level,
-        warnings=tuple(_warnings(calibration, [pair.name for pair in used.pairs], colour)),
+        warnings=tuple(_warnings(calibration, names, colour)),
         **({} if colour is None else {"matrix": colour.matrix[0], "soft": colour.soft[0], "told": colour.told[0]}),
     )
 
