@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, logsumexp, softmax
 
 from crfbench.calibration.observations import Observations
 from crfbench.calibration.table import BAND_SAMPLES, Table, chunks, evaluate_with_gradient, learned_prior
@@ -287,7 +287,8 @@ class PosteriorSamples:
 
 def exact_samples(table: Table, log_likelihood: Array) -> PosteriorSamples:
     """Weight the table of a model with one parameter."""
-    weights, log_evidence = _normalised(log_likelihood + table.log_prior)
+    logs = log_likelihood + table.log_prior
+    weights, log_evidence = softmax(logs, axis=1), logsumexp(logs, axis=1)
     return PosteriorSamples(table.unconstrained[None], table.curves[None], table.order[None], weights, log_evidence)
 
 
@@ -309,9 +310,9 @@ def drawn_samples(posterior: Posterior, model: ResponseModel, best: Array, seed:
     # Weight = likelihood x prior / density of the draw. The factors 2 pi of both densities cancel.
     drawn_at = 0.5 * (normal**2).sum(axis=2) + np.linalg.slogdet(root)[1][:, None]
     prior_at = -0.5 * (off**2).sum(axis=0).reshape(n, _DRAWS) - 0.5 * np.linalg.slogdet(prior.covariance)[1]
-    weights, log_evidence = _normalised(posterior.log_likelihood(irradiance) + prior_at + drawn_at - np.log(_DRAWS))
+    logs = posterior.log_likelihood(irradiance) + prior_at + drawn_at - np.log(_DRAWS)
     order = np.argsort(np.swapaxes(curves[:, :, BAND_SAMPLES], 1, 2), axis=2)
-    return PosteriorSamples(z, curves, order, weights, log_evidence)
+    return PosteriorSamples(z, curves, order, softmax(logs, axis=1), logsumexp(logs, axis=1))
 
 
 def _at_level(rising: Array, values: np.ndarray, level: float) -> Array:
@@ -324,11 +325,3 @@ def _at_level(rising: Array, values: np.ndarray, level: float) -> Array:
     )
     share = np.clip((level - low) / np.maximum(high - low, 1e-300), 0.0, 1.0)
     return np.asarray(left + share * (right - left))
-
-
-def _normalised(log_weights: Array) -> tuple[Array, Array]:
-    """Return weights that sum to 1, and the logarithm of their sum before."""
-    most = log_weights.max(axis=1, keepdims=True)
-    weights = np.exp(log_weights - most)
-    total = weights.sum(axis=1, keepdims=True)
-    return weights / total, (np.log(total) + most)[:, 0]

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
+from scipy.special import logsumexp
 
 from crfbench.checks import check_count, check_seed
 from crfbench.curves import N_SAMPLES, Array, evaluate
@@ -104,8 +105,7 @@ def decode_table(model: ResponseModel, rows: int | None = None, seed: int = 0) -
         z = np.concatenate([prior.mean[None], prior.sample((rows or MORE_PARAMETERS) - 1, seed)])
         log_prior = np.zeros(len(z))  # how often a region is drawn is its prior already
     params = model.from_unconstrained(z)
-    log_prior -= np.log(np.exp(log_prior - log_prior.max()).sum()) + log_prior.max()
-    return Table(z, params, model.decode(params, np.float32), log_prior)
+    return Table(z, params, model.decode(params, np.float32), log_prior - logsumexp(log_prior))
 
 
 def rows_near(model: ResponseModel, table: Table, best: Array, seed: int) -> tuple[Array, NDArray[np.float32], Array]:
