@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import cast, get_args
 
 import numpy as np
+import pandas as pd
 
 from crfbench.curves import Array, Direction
 from crfbench.datasets import load_dorf, load_opencrf
-from crfbench.datasets.responses import group_labels, near_copies
+from crfbench.datasets.responses import near_copies
 from crfbench.files import write_atomically
 from crfbench.models import MODELS, ClosedForm, EMoR, Kernel, ModelKey, Prior
 
@@ -49,7 +50,7 @@ def learn_prior(model: ClosedForm, curves: Array) -> Prior:
     # a tenth: most of what is calibrated are digital cameras.
     more = load_opencrf()
     every = np.concatenate([curves, more.in_direction(model.direction)])
-    labels = near_copies(curves), group_labels(more.units)
+    labels = near_copies(curves), pd.factorize(np.array(more.units))[0]
     own, film = (1.0 / np.sqrt(np.bincount(each)[each]) for each in labels)
     weights = np.concatenate([own, _FILM * film])
     return cast(Prior, model.learn_prior(every, weights).prior_)

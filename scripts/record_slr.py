@@ -14,7 +14,7 @@ from tqdm import tqdm
 import crfbench
 from crfbench.curves import Array, Direction
 from crfbench.datasets import load_dorf
-from crfbench.datasets.responses import group_labels, grouped_folds
+from crfbench.datasets.responses import grouped_folds
 from crfbench.metrics import rmse
 from crfbench.models.registry import ModelKey
 from crfbench.paper.fitting import figures
@@ -46,7 +46,7 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, help="fewer epochs, to try the script out; nothing is recorded")
     epochs = parser.parse_args().epochs
     responses = load_dorf()
-    folds = grouped_folds(group_labels(responses.units))
+    folds = grouped_folds(responses.units)
     jobs = [(name, "forward", seed) for name in RANKED for seed in range(N_SEEDS)]
     jobs += [(name, side, 0) for name in CONFIGS if name != "SLR-open-1" for side in ("forward", "inverse")]
     rows = []

@@ -57,7 +57,6 @@ ARRAYS = {
     "from_rgb rgb": lambda rgb: crfbench.Observations.from_rgb(rgb, [1, 2, 3]),
     "Passport curves": lambda c: Passport("inverse", c),
     "corners": as_corners,
-    "labels": grouped_folds,
     "near_copies curves": near_copies,
     "sample_series exposures": lambda e: sample_series(SERIES, e),
     "merge_series exposures": lambda e: merge_series(SERIES, e, GRID),

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from crfbench.datasets import load_opencrf
-from crfbench.datasets.responses import group_labels, grouped_folds
+from crfbench.datasets.responses import grouped_folds
 from crfbench.errors import FormatError, MissingDataError
 from crfbench.metrics import rmse
 from crfbench.models import EMoR
@@ -62,7 +62,7 @@ def test_figures_are_those_of_the_definition(table, opencrf):
 
 
 def test_held_out_rows_never_see_the_unit_they_are_tested_on(table, opencrf):
-    folds = grouped_folds(group_labels(opencrf.units))
+    folds = grouped_folds(opencrf.units)
     decoded = np.empty_like(opencrf.curves)
     for fold in range(5):
         assert not set(np.array(opencrf.units)[folds == fold]) & set(np.array(opencrf.units)[folds != fold])

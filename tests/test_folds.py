@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crfbench.curves import GRID
-from crfbench.datasets.responses import group_labels, grouped_folds, load_opencrf, near_copies
+from crfbench.datasets.responses import grouped_folds, load_opencrf, near_copies
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 
@@ -32,7 +32,7 @@ def test_folds_are_a_balanced_partition_that_splits_no_group(case):
 @given(labels_and_folds())
 def test_folds_depend_on_grouping_and_order_alone(case):
     labels, n_folds = case
-    renamed = group_labels([f"unit {label}" for label in labels])
+    renamed = [f"unit {label}" for label in labels]
     np.testing.assert_array_equal(grouped_folds(labels, n_folds), grouped_folds(labels, n_folds))
     first_seen = [labels.index(label) for label in labels]
     np.testing.assert_array_equal(grouped_folds(first_seen, n_folds), grouped_folds(renamed, n_folds))
@@ -53,10 +53,6 @@ def test_folds_that_do_not_fit_are_refused(n_folds):
 def test_labels_that_do_not_fit_are_refused(labels):
     with pytest.raises(InputError):
         grouped_folds(labels, 2)
-
-
-def test_group_labels_count_by_first_appearance():
-    assert group_labels(["b", "a", "b", "c", "a"]).tolist() == [0, 1, 0, 2, 1]
 
 
 def test_near_copies_chain():

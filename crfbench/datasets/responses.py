@@ -3,13 +3,13 @@
 OpenCRF is the set that may be shared. Folds keep near copies together, so that a test curve has none in training.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.checks import as_finite, check_choice, check_count, check_number
+from crfbench.checks import check_choice, check_count, check_number
 from crfbench.curves import N_SAMPLES, Array, as_curves, as_valid_curves, check_direction, invert
 from crfbench.errors import FormatError, InputError
 from crfbench.files import NPZ_DAMAGE, bundled, check_sums
@@ -124,19 +124,13 @@ def chained(related: np.ndarray) -> Labels:
     return connected_components(csr_array(related), directed=False)[1].astype(np.intp)
 
 
-def group_labels(units: Sequence[str]) -> Labels:
-    """Return the number of each curve's unit, counted by first appearance; shape (n,)."""
-    number = {unit: position for position, unit in enumerate(dict.fromkeys(units))}
-    return np.array([number[unit] for unit in units], dtype=np.intp)
-
-
 def grouped_folds(labels: ArrayLike, n_folds: int = 5) -> Labels:
-    """Deal whole groups, labels (n,), to folds of about equal size and return the fold of each curve, shape (n,).
+    """Deal whole groups, numbers or names (n,), to folds of about equal size; returns the fold of each curve, (n,).
 
     The largest group goes first (of equals, the one that appears first), each to the fold that holds the fewest
     curves so far (of equals, the first). No chance is involved.
     """
-    row = as_finite("labels", labels)
+    row = np.asarray(labels)
     if row.ndim != 1:
         raise InputError(f"labels have shape {row.shape}; use one a curve, (n,)")
     groups, first, group, sizes = np.unique(row, return_index=True, return_inverse=True, return_counts=True)

@@ -10,7 +10,7 @@ from tqdm.auto import tqdm
 
 from crfbench.curves import Array, Direction
 from crfbench.datasets import Responses, load_emor_basis, load_responses, registry
-from crfbench.datasets.responses import group_labels, grouped_folds
+from crfbench.datasets.responses import grouped_folds
 from crfbench.metrics import mse, nonmonotone, out_of_range, rmse, summarise
 from crfbench.models import SLR, EMoR, ResponseModel, load_model
 from crfbench.models.base import ClosedForm
@@ -108,7 +108,7 @@ def figures(decoded: Array, curves: Array) -> dict[str, float]:
 def _rows(responses: Responses, direction: Direction) -> Iterator[dict[str, object]]:
     """Yield the rows of one direction: closed forms, EMoR as published, then networks."""
     curves, dataset = responses.in_direction(direction), responses.dataset
-    folds = grouped_folds(group_labels(responses.units), N_FOLDS)
+    folds = grouped_folds(responses.units, N_FOLDS)
     for kind, counts in MODELS.items():
         for k in counts:
             key = ModelKey(kind.name, "", k, direction)

@@ -16,7 +16,7 @@ from tqdm.auto import tqdm
 from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import Direction, check_direction
 from crfbench.datasets import Responses
-from crfbench.datasets.responses import Labels, group_labels, grouped_folds
+from crfbench.datasets.responses import Labels, grouped_folds
 from crfbench.errors import InputError
 from crfbench.parallel import local_workers, worker_error
 from crfbench.search.result import Journal, SearchResult, mark_choice, tabulate
@@ -147,7 +147,7 @@ def make_folds(responses: Responses, folds: str, seed: int) -> Labels:
     if len(responses) < 2 * N_FOLDS:
         raise InputError(f"{len(responses)} responses are too few for {N_FOLDS} folds; use {2 * N_FOLDS} or more")
     if folds == "grouped":
-        return grouped_folds(group_labels(responses.units), N_FOLDS)
+        return grouped_folds(responses.units, N_FOLDS)
     return np.random.default_rng(check_seed(seed)).permutation(len(responses)) % N_FOLDS
 
 
