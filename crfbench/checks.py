@@ -2,6 +2,7 @@
 
 import reprlib
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +82,15 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> str:
     if isinstance(value, str) and value in known:
         return value
     raise InputError(f"{name}={value!r} is not known; use one of {', '.join(known)}")
+
+
+def unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make a dict of pairs, as JSON's `object_pairs_hook`; a name that comes twice is a `ValueError`."""
+    # JSON allows a name twice and readers differ in which one they take.
+    names = [name for name, _ in pairs]
+    if len(set(names)) < len(names):
+        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} occurs twice")
+    return dict(pairs)
 
 
 def parse_numbers(words: Sequence[object], where: str) -> NDArray[np.float64]:

@@ -179,7 +179,7 @@ def altered(**changes: object) -> bytes:
         (altered(camera=["x"] * 9999), r"camera=\['x', 'x'.{200,300} is not text; use a str$"),
         (altered(direction=["inverse"]), "is not known"),
         (altered(valid_range=[0, float("nan")]), "it holds NaN"),
-        (FORMATS["passport"].write(THREE)[:-1] + b', "iso": 3}', "two entries of one name"),
+        (FORMATS["passport"].write(THREE)[:-1] + b', "iso": 3}', "'iso' occurs twice"),
     ],
 )
 def test_what_cannot_be_a_passport_file(data, message, tmp_path):

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from crfbench.camera.luts import (
     scaled,
 )
 from crfbench.camera.passport import Passport
-from crfbench.checks import check_choice
+from crfbench.checks import check_choice, unique_names
 from crfbench.curves import GRID, N_SAMPLES, Array, Direction, evaluate, resample
 from crfbench.datasets import load_emor_basis
 from crfbench.datasets.dorf import parse_dorf_text
@@ -60,7 +60,7 @@ def _write_json(passport: Passport) -> bytes:
 def _read_json(data: bytes) -> Passport:
     """Read the passport itself, version 1: everything, exactly; no entry may be missing, unknown or there twice."""
     try:
-        content = json.loads(data, parse_constant=_refuse, object_pairs_hook=_unique)
+        content = json.loads(data, parse_constant=_refuse, object_pairs_hook=unique_names)
     except (ValueError, RecursionError) as error:
         raise FormatError(f"it is not JSON ({str(error)[:80]})") from None
     if not isinstance(content, dict) or content.get("format") != _KIND:
@@ -77,14 +77,6 @@ def _read_json(data: bytes) -> Passport:
 
 def _refuse(constant: str) -> float:
     raise FormatError(f"it holds {constant}; use finite numbers")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    # JSON allows a name twice and readers differ in which one they take.
-    content = dict(pairs)
-    if len(content) != len(pairs):
-        raise FormatError("it has two entries of one name")
-    return content
 
 
 _AXES: dict[Direction, tuple[str, str]] = {

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.checks import as_numbers
+from crfbench.checks import as_numbers, unique_names
 from crfbench.curves import Array
 from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import FormatError, InputError
@@ -120,12 +120,12 @@ def load_labels(path: Path) -> dict[str, Array]:
     """
     path = Path(path)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_object)
+        document = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=unique_names)
         if not isinstance(document, dict) or set(document) != {"version", "labels"}:
             raise ValueError("its top level is not version and labels")
         if document["version"] is not _LABELS_VERSION or not isinstance(document["labels"], list):
             raise ValueError(f"version {document['version']!r}")
-        return _object([_label(entry) for entry in document["labels"]])
+        return unique_names([_label(entry) for entry in document["labels"]])
     except OSError as error:
         raise FormatError(f"{path.name} cannot be read ({error.strerror}); use a file that is there") from None
     except (ValueError, TypeError, RecursionError) as error:
@@ -146,14 +146,6 @@ def save_labels(path: Path, labels: Mapping[str, ArrayLike]) -> None:
     # Escaped to ASCII: names of files may hold what UTF-8 cannot.
     document = json.dumps({"version": _LABELS_VERSION, "labels": entries}, indent=1)
     write_atomically(Path(path), document.encode("ascii"))
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Make a dict; a name that comes twice is refused, not overwritten."""
-    names = [name for name, _ in pairs]
-    if len(set(names)) < len(names):
-        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} occurs twice")
-    return dict(pairs)
 
 
 def _label(entry: Any) -> tuple[str, Array]:
