@@ -10,7 +10,7 @@ from crfbench.checks import as_finite
 from crfbench.curves import as_curves
 from crfbench.errors import InputError
 from crfbench.widgets.assets import bundle, join
-from crfbench.widgets.page import LivingWidget, page
+from crfbench.widgets.page import LivingWidget
 
 _MOST_PIXELS = 480  # along the longer side of the picture that the page gets
 
@@ -26,6 +26,7 @@ class BeforeAfter(LivingWidget):
         Inverse responses; one serves all channels.
     """
 
+    _title = "A photograph and its light"
     _esm = bundle("before_after.js")
     _css = join("widgets.css")
     _photo = traitlets.Dict().tag(sync=True)
@@ -44,6 +45,3 @@ class BeforeAfter(LivingWidget):
 
     def __repr__(self) -> str:
         return "BeforeAfter(image, curves)"
-
-    def _alone(self) -> str:
-        return page(self, "A photograph and its light")

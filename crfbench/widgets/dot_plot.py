@@ -6,7 +6,7 @@ import traitlets
 from crfbench.checks import as_finite
 from crfbench.errors import InputError
 from crfbench.widgets.assets import bundle, join
-from crfbench.widgets.page import LivingWidget, page
+from crfbench.widgets.page import LivingWidget
 
 
 class DotPlot(LivingWidget):
@@ -39,10 +39,8 @@ class DotPlot(LivingWidget):
         columns = {"x": x, "y": y, "names": name}
         dots = [{"label": group} | {to: list(rows[of]) for to, of in columns.items()} for group, rows in groups.items()]
         super().__init__(_dots={"xLabel": x, "yLabel": y, "log": log, "groups": dots})
+        self._title = y
 
     def __repr__(self) -> str:
         groups = self._dots["groups"]
         return f"DotPlot({sum(len(group['x']) for group in groups)} dots, {len(groups)} groups)"
-
-    def _alone(self) -> str:
-        return page(self, self._dots["yLabel"])

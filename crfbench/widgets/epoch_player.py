@@ -11,7 +11,7 @@ from crfbench.curves import Direction, axis_labels, check_direction
 from crfbench.errors import InputError
 from crfbench.history import PROBE_SAMPLES, PROBES, History, latent_statistics
 from crfbench.widgets.assets import SyncedTrait, bundle, join
-from crfbench.widgets.page import LivingWidget, page
+from crfbench.widgets.page import LivingWidget
 
 _MOST_EPOCHS = 150  # kept of a history; more would make the page heavy and show no more
 
@@ -44,6 +44,7 @@ class EpochPlayer(LivingWidget):
     EpochPlayer(LDL, VAE)
     """
 
+    _title = "Latents over epochs"
     _esm = bundle("epoch_player.js")
     _css = join("widgets.css", "latents.css")
     _columns: traitlets.List[dict[str, Any]] = traitlets.List().tag(sync=True)
@@ -85,9 +86,6 @@ class EpochPlayer(LivingWidget):
         self._histories.pop(label, None)
         self._histories[label] = history
         self._columns = [*(old for old in self._columns if old["name"] != label), column]
-
-    def _alone(self) -> str:
-        return page(self, "Latents over epochs")
 
 
 def pack(history: History, name: str, direction: Direction) -> dict[str, Any]:

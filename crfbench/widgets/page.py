@@ -19,6 +19,7 @@ from crfbench.widgets.assets import ONE_THREAD, StoredWidget, bundle, join
 class LivingWidget(StoredWidget):
     """A widget that the page moves by itself, with Python or without it, and that Python moves too."""
 
+    _title: str  # of the page that holds the widget by itself
     #: How often Python has moved it.
     _python_moves = traitlets.Int(0).tag(sync=True)
     #: That number as the page knew it when it made its last move, and how many moves the page has made.
@@ -57,7 +58,7 @@ class LivingWidget(StoredWidget):
 
     def _alone(self) -> str:
         """Return a page of the widget for notebooks made into HTML."""
-        raise NotImplementedError
+        return page(self, self._title)
 
     def _still(self) -> dict[str, str]:
         return {"text/html": frame(self._alone(), f"{self!r}: run this cell to see it.")}

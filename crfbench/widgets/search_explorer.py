@@ -12,7 +12,7 @@ from crfbench.errors import InputError
 from crfbench.search.result import SearchResult, architecture, pareto_front
 from crfbench.search.space import Hidden
 from crfbench.widgets.assets import SyncedTrait, bundle, join
-from crfbench.widgets.page import LivingWidget, page
+from crfbench.widgets.page import LivingWidget
 
 _SENT = ("hidden", "mse", "bar", "rmse", "complexity", "front")  # to the page, of each candidate
 
@@ -42,6 +42,7 @@ class SearchExplorer(LivingWidget):
     >>> explorer.focus = explorer.chosen
     """
 
+    _title = "Architecture search"
     _esm = bundle("search_explorer.js")
     _css = join("widgets.css")
     #: One entry a candidate, most accurate first; set once.
@@ -59,9 +60,6 @@ class SearchExplorer(LivingWidget):
         candidates = self._table.assign(hidden=self._names, bar=bars, front=front)[list(_SENT)].to_dict("records")
         super().__init__(_candidates=candidates, m=m, focus=self._names[0])
         self.focus = self.chosen  # known only once `m` is
-
-    def _alone(self) -> str:
-        return page(self, "Architecture search")
 
     def __repr__(self) -> str:
         return f"SearchExplorer({len(self._table)} candidates, m={self.m}, chosen={self.chosen})"
