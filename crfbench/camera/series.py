@@ -129,14 +129,9 @@ def _nearer(still: NDArray[np.uint8], picture: NDArray[np.uint8], shift: Array) 
 
 def shifted(array: NDArray[Any], columns: int, rows: int) -> NDArray[Any]:
     """Shift the content of an image (h, w) or (h, w, c) right and down; what comes in from outside is 0."""
-    moved = np.zeros_like(array)
-    height, width = array.shape[:2]
-    to, source = (
-        tuple(slice(max(sign * n, 0), length + min(sign * n, 0)) for n, length in ((rows, height), (columns, width)))
-        for sign in (1, -1)
-    )
-    moved[to] = array[source]
-    return moved
+    import cv2
+
+    return np.asarray(cv2.createAlignMTB().shiftMat(array, (int(columns), int(rows)))).reshape(array.shape)
 
 
 def _shift(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Array:
