@@ -4,22 +4,33 @@ import os
 import secrets
 import zipfile
 import zlib
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from crfbench.errors import InputError
+import numpy as np
+
+from crfbench.errors import FormatError, InputError
 
 _PACKAGE = Path(__file__).resolve().parent
 
-#: What NumPy and zipfile raise on bytes that are not an npz file, or on one that was cut or altered.
-NPZ_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
+# What NumPy and zipfile raise on bytes that are not an npz file, or on one that was cut or altered.
+_NPZ_DAMAGE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
-def check_sums(path: Path) -> None:
-    """Raise one of `NPZ_DAMAGE` unless the checksums of an npz file are right; NumPy interprets bytes unchecked."""
-    with zipfile.ZipFile(path) as archive:
-        if (broken := archive.testzip()) is not None:
-            raise zipfile.BadZipFile(f"wrong checksum of {broken}")
+@contextmanager
+def reading_npz(
+    path: Path, wrong: str = "is missing or damaged", use: str = "install crfbench again to restore it"
+) -> Iterator["np.lib.npyio.NpzFile"]:
+    """Open an npz file, by default a bundled one; what is wrong with it or its arrays is a `FormatError`."""
+    try:
+        with zipfile.ZipFile(path) as archive:  # NumPy would read altered numbers without a word
+            if (broken := archive.testzip()) is not None:
+                raise zipfile.BadZipFile(f"wrong checksum of {broken}")
+        with np.load(path, allow_pickle=False) as file:
+            yield file
+    except _NPZ_DAMAGE as error:
+        raise FormatError(f"{path.name} {wrong} ({error}); {use}") from None
 
 
 def write_atomically(path: str | Path, content: bytes, overwrite: bool = True) -> None:

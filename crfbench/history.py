@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from crfbench.checks import check_count
-from crfbench.errors import FormatError, InputError, MissingDataError
-from crfbench.files import NPZ_DAMAGE, bundled, check_sums, write_atomically
+from crfbench.errors import InputError, MissingDataError
+from crfbench.files import bundled, reading_npz, write_atomically
 
 #: Latents whose decoded curves are kept, and the samples kept of each: every 16th, and the last.
 PROBES = np.linspace(-2.0, 2.0, 9)
@@ -62,15 +62,10 @@ class History:
         path = Path(path)
         if not path.is_file():
             raise MissingDataError(f"there is no history {path}; use one that History.save wrote")
-        try:
-            check_sums(path)
-            with np.load(path, allow_pickle=False) as file:
-                losses = {name.removeprefix("loss:"): file[name] for name in file.files if name.startswith("loss:")}
-                latents, probes = file["latents"].astype(np.float32), file["probes"].astype(np.float32)
-                return cls(str(file["constraint"]), file["epochs"], losses, latents, probes)
-        except NPZ_DAMAGE as error:
-            reason = f"is not a training history ({error})"
-            raise FormatError(f"{path.name} {reason}; use one that History.save wrote") from None
+        with reading_npz(path, "is not a training history", "use one that History.save wrote") as file:
+            losses = {name.removeprefix("loss:"): file[name] for name in file.files if name.startswith("loss:")}
+            latents, probes = file["latents"].astype(np.float32), file["probes"].astype(np.float32)
+            return cls(str(file["constraint"]), file["epochs"], losses, latents, probes)
 
 
 def load_history(constraint: str) -> History:

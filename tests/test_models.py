@@ -424,7 +424,7 @@ def test_a_damaged_file_of_priors_is_told(damage, tmp_path, monkeypatch):
         half = len(content) // 2
         path.write_bytes({"truncated": content[:half], "emptied": b"", "bytes": b"\0" * half}[damage])
     monkeypatch.setattr(registry, "bundled", lambda name: path if name == registry.PRIORS else bundled(name))
-    with pytest.raises(FormatError, match=r"dorf_priors\.npz is damaged.*install crfbench again"):
+    with pytest.raises(FormatError, match=r"priors\.npz is missing or damaged.*install crfbench again"):
         load_model("Gamma-1")
 
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from crfbench.checks import check_choice, check_count, check_number
 from crfbench.curves import N_SAMPLES, Array, as_curves, as_valid_curves, check_direction, invert
-from crfbench.errors import FormatError, InputError
-from crfbench.files import NPZ_DAMAGE, bundled, check_sums
+from crfbench.errors import InputError
+from crfbench.files import bundled, reading_npz
 
 TIERS = ("core", "hdr", "all")
 
@@ -90,14 +90,9 @@ def load_opencrf(tier: str = "core") -> Responses:
     that is missing or damaged is a `FormatError`.
     """
     check_choice("tier", tier, TIERS)
-    path = bundled("data/opencrf.npz")
-    try:
-        check_sums(path)  # NumPy would read altered numbers without a word
-        with np.load(path, allow_pickle=False) as file:
-            columns = (tuple(file[key].tolist()) for key in ("name", "unit", "family", "source", "licence"))
-            responses, tiers = Responses("opencrf", file["curves"], *columns), file["tier"]
-    except NPZ_DAMAGE as error:
-        raise FormatError(f"{path} is missing or damaged ({error}); install crfbench again to restore it") from error
+    with reading_npz(bundled("data/opencrf.npz")) as file:
+        columns = (tuple(file[key].tolist()) for key in ("name", "unit", "family", "source", "licence"))
+        responses, tiers = Responses("opencrf", file["curves"], *columns), file["tier"]
     return responses if tier == "all" else responses.select(tiers == tier)
 
 

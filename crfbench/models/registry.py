@@ -6,8 +6,6 @@ as the name of a weights file. A new model gets its line in `MODELS` and joins t
 """
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,8 +14,8 @@ import numpy as np
 
 from crfbench.curves import GRID, Direction, check_direction
 from crfbench.datasets import load_emor_basis
-from crfbench.errors import FormatError, InputError
-from crfbench.files import NPZ_DAMAGE, bundled
+from crfbench.errors import InputError
+from crfbench.files import bundled, reading_npz
 from crfbench.models.base import ClosedForm, Discrepancy, Prior, ResponseModel
 from crfbench.models.emor import EMoR
 from crfbench.models.gamma import Gamma
@@ -111,7 +109,7 @@ class ModelKey:
             model: ResponseModel = SLR.load(bundled(WEIGHTS) / f"{self}.safetensors")
         else:
             model = self._formula()
-        with _reading(DISCREPANCIES) as missed:
+        with reading_npz(bundled(DISCREPANCIES)) as missed:
             if f"{self}.factor" in missed:
                 model.discrepancy_ = Discrepancy(missed[f"{self}.factor"], missed[f"{self}.scale_weight"])
         return model
@@ -119,7 +117,7 @@ class ModelKey:
     def _formula(self) -> ResponseModel:
         """Return a model with a formula; what EMoR and the kernel mixture learn lies beside the priors."""
         (kind,) = (kind for kind in MODELS if kind.name == self.family)
-        with _reading(PRIORS) as learned:
+        with reading_npz(bundled(PRIORS)) as learned:
             if kind is EMoR or kind is Kernel:
                 basis = learned[f"basis-{self.direction}" if kind is EMoR else f"{self}.basis"].astype(np.float64)
                 model: ResponseModel = kind(basis[0], basis[1:], self.n_params, self.direction)
@@ -132,20 +130,10 @@ class ModelKey:
             return model
 
 
-@contextmanager
-def _reading(name: str) -> Iterator["np.lib.npyio.NpzFile"]:
-    """Open a bundled npz file; damage is a `FormatError`."""
-    try:
-        with bundled(name).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            yield stored
-    except NPZ_DAMAGE as error:
-        raise FormatError(f"{name} is damaged ({error}); install crfbench again to restore it") from None
-
-
 @cache
 def channel_difference() -> Discrepancy:
     """Load how the channels of one camera differ from their mean."""
-    with _reading(DISCREPANCIES) as learned:
+    with reading_npz(bundled(DISCREPANCIES)) as learned:
         return Discrepancy(learned["channels.factor"], learned["channels.scale_weight"])
 
 
