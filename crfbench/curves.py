@@ -116,12 +116,17 @@ def invert(curves: ArrayLike) -> Array:
     ndarray, shape (1024,) or (n, 1024)
     """
     batch = (as_valid_curves(curves) + _TILT * GRID) / (1.0 + _TILT)
-    # Rows shifted apart make one increasing sequence, so one call inverts them all.
-    shift = 2.0 * np.arange(len(batch))[:, None]
-    flat = np.interp((GRID + shift).ravel(), (batch + shift).ravel(), np.tile(GRID, len(batch)))
-    inverse = flat.reshape(batch.shape)
+    inverse = reached_at(batch, np.broadcast_to(GRID, batch.shape))
     inverse[:, 0], inverse[:, -1] = 0.0, 1.0
     return inverse.reshape(np.shape(curves))
+
+
+def reached_at(curves: Array, values: Array) -> Array:
+    """Return where rising curves (n, 1024) reach values (n, m), both from 0 to 1, piecewise linear; shape (n, m)."""
+    # Rows shifted apart make one increasing sequence, so one call serves all.
+    shift = 2.0 * np.arange(len(curves))[:, None]
+    flat = np.interp((values + shift).ravel(), (curves + shift).ravel(), np.tile(GRID, len(curves)))
+    return flat.reshape(values.shape)
 
 
 def repair(curves: ArrayLike) -> Array:

@@ -19,7 +19,7 @@ from crfbench.calibration.observations import REFERENCE_ERROR, SATURATED, Observ
 from crfbench.calibration.posterior import Noise
 from crfbench.calibration.table import Table, decode_table
 from crfbench.checks import as_finite
-from crfbench.curves import GRID, Array, evaluate
+from crfbench.curves import GRID, Array, evaluate, reached_at
 from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
 from crfbench.models.base import from_knots
@@ -102,10 +102,7 @@ def _drawn(raw: Array, matrix: Array, soft: Array) -> tuple[Array, Array]:
 def _brightness(curves: Array, light: Array) -> Array:
     """Return the brightness of light (n, 3, m) by inverse responses (n, 3, 1024)."""
     rows, at = (array.reshape(-1, array.shape[-1]) for array in (np.maximum.accumulate(curves, axis=-1), light))
-    # Rows shifted apart make one increasing sequence, so that one call serves all.
-    shift = 2.0 * np.arange(len(rows))[:, None]
-    flat = np.interp((np.clip(at, 0.0, 1.0) + shift).ravel(), (rows + shift).ravel(), np.tile(GRID, len(rows)))
-    return flat.reshape(light.shape)
+    return reached_at(rows, np.clip(at, 0.0, 1.0)).reshape(light.shape)
 
 
 def calibrate_colour(
