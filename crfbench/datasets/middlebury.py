@@ -56,6 +56,10 @@ class PatchArrays(NamedTuple):
     raw: Array
     clipped: np.ndarray  # shape (c, 2, 4, 24); where the JPEG patch is clipped
 
+    def sets(self) -> tuple[Array, np.ndarray]:
+        """Return jpeg and clipped of each camera and illumination, shapes (2 c, 4, 24, 3) and (2 c, 4, 24)."""
+        return np.concatenate(self.jpeg), np.concatenate(self.clipped)
+
 
 def load_patches() -> "pd.DataFrame":
     """Load the bundled patch table: 14 cameras x 8 photographs x 24 patches = 2688 rows.

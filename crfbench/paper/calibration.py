@@ -128,8 +128,7 @@ def chart_observations(chart: PatchArrays, channel: str = "intensity") -> tuple[
 
     After the observations come jpeg and raw (28, 96) of the other illumination.
     """
-    rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])
-    clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])
+    rgb, clipped = chart.sets()
     if channel == "intensity":
         jpeg, raw = chart.jpeg.mean(axis=-1), chart.raw.mean(axis=-1)
         observations = Observations.from_rgb(rgb, REFERENCE_IRRADIANCE, clipped=clipped)
@@ -317,8 +316,7 @@ def chart_free_table(method: str = "posterior", discrepancy: bool = True, progre
 
 def chart_free_curves(chart: PatchArrays, model: str, method: str = "posterior", discrepancy: bool = True) -> Array:
     """Return the inverse responses (28, 1024) of every camera and illumination, from exposure steps alone."""
-    rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])
-    clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])
+    rgb, clipped = chart.sets()
     observations = Observations.from_rgb(rgb, None, exposures=STEPS, clipped=clipped)
     return repair(calibrate(load_model(model), observations, method, discrepancy=discrepancy).curves)
 

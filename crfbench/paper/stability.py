@@ -128,9 +128,8 @@ def _triples(chart: PatchArrays, n: int, seed: int) -> tuple[np.ndarray, Observa
     """
     rng = np.random.default_rng(seed)
     turns = np.arange(n) % (2 * len(chart.cameras))
-    clipped = chart.clipped.reshape(-1, *chart.clipped.shape[2:])[turns]
+    rgb, clipped = (part[turns] for part in chart.sets())
     rank = np.argsort(np.argsort(rng.random((n, N_PATCHES)) + clipped.all(axis=1), axis=1), axis=1)
-    rgb = chart.jpeg.reshape(-1, *chart.jpeg.shape[2:])[turns]
     weights = (rank[:, None] < SIZES[0]).astype(float)
     return turns, Observations.from_rgb(rgb, REFERENCE_IRRADIANCE, clipped=clipped, weights=weights)
 
