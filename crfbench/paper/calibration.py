@@ -148,9 +148,8 @@ def _swapped(sets: Array) -> Array:
 
 
 def camera_rmse(result: Calibration, jpeg: Array, raw: Array) -> Array:
-    """Return the RMSE of each camera, averaged over both ways (and over subsets), shape (c,)."""
-    each = rmse(evaluate(result.curves, jpeg), raw)
-    return each.reshape(-1, len(jpeg) // _ILLUMINATIONS, _ILLUMINATIONS).mean(axis=(0, 2))
+    """Return the RMSE of each camera, averaged over both ways, shape (c,)."""
+    return _per_camera(rmse(evaluate(result.curves, jpeg), raw))
 
 
 def coverage(result: Calibration, observations: Observations, jpeg: Array, raw: Array) -> float:
