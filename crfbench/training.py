@@ -53,17 +53,14 @@ class TrainingConfig:
     learning_rate: float = 1e-2  # the highest of the cycle
     # curves a step; by default all, which the constraints on the whole distribution like best
     batch_size: int | None = None
-    # stop when the loss has not improved for so many epochs; by default never, for the cycle ends by itself
-    patience: int | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
         check_choice("constraint", self.constraint, CONSTRAINTS)
         check_count("n_latent", self.n_latent)
         check_count("epochs", self.epochs)
-        for name, least in (("batch_size", 2), ("patience", 1)):
-            if getattr(self, name) is not None:
-                check_count(name, getattr(self, name), least)
+        if self.batch_size is not None:
+            check_count("batch_size", self.batch_size, 2)
         check_number("smoothness", self.smoothness, 0.0)
         check_number("dropout", self.dropout, 0.0, 0.99)
         check_number("learning_rate", self.learning_rate, 1e-9)
@@ -151,7 +148,7 @@ def train(
         try:
             for epoch in bar:
                 trainer.epoch()
-                if (on_epoch is not None and on_epoch(epoch, trainer)) or trainer.out_of_patience():
+                if on_epoch is not None and on_epoch(epoch, trainer):
                     break
         except KeyboardInterrupt:
             if not trainer.losses:
@@ -178,7 +175,7 @@ class Trainer:
         self.losses: list[dict[str, float]] = []
         self._latents: list[Tensor] = []
         self._probes: list[Tensor] = []
-        self._best, self._best_epoch = math.inf, 0
+        self._best = math.inf
         # PyTorch draws first weights from its global generator; fork_rng gives the caller's state back.
         with torch.random.fork_rng():
             torch.manual_seed(config.seed)
@@ -206,14 +203,9 @@ class Trainer:
             self._probes.append(self.network.decode(probes)[:, PROBE_SAMPLES])
         self.losses.append({name: float(np.mean([term[name] for term in terms])) for name in terms[0]})
         if self.losses[-1]["total"] < self._best:
-            self._best, self._best_epoch = self.losses[-1]["total"], len(self.losses)
+            self._best = self.losses[-1]["total"]
             self._best_state = {name: w.clone() for name, w in self.network.state_dict().items()}
             self._best_latents = self._latents[-1]
-
-    def out_of_patience(self) -> bool:
-        """Say whether the loss has not improved for the config's patience."""
-        waited = len(self.losses) - self._best_epoch
-        return self.config.patience is not None and waited >= self.config.patience
 
     def model(self, metadata: dict[str, Any] | None = None) -> SLR:
         """Return the best model so far, with `metadata` beside the config's."""

@@ -143,11 +143,6 @@ def test_short_trainings_run_to_their_end(epochs):
     assert len(train(GAMMAS, "forward", quick(epochs=epochs))[1]) == epochs
 
 
-def test_patience_ends_the_training_early():
-    _, history = train(GAMMAS, "forward", quick(epochs=4000, patience=5, learning_rate=0.3))
-    assert len(history) < 4000
-
-
 def test_a_stop_keeps_the_best_so_far():
     seen = []
 
