@@ -25,6 +25,7 @@ from crfbench.curves import GRID, Array, as_valid_curves, evaluate, repair
 from crfbench.errors import InputError
 from crfbench.files import check_new, write_new
 
+_NOISE = 0.01  # standard deviation of the brightness of one pixel, in units of the full range
 _LEVEL = 0.9  # of the band that is taken from a calibration
 _PART = 2**16  # pixels that are merged at once: they fit into the cache, and need little memory
 _LEAST = 1e-9  # irradiance, and share of it that is uncertain; keeps divisions finite
@@ -41,11 +42,7 @@ class Merged(NamedTuple):
 
 
 def merge_series(
-    images: Iterable[ArrayLike],
-    exposures: ArrayLike,
-    response: Calibration | Passport | ArrayLike,
-    *,
-    noise: float = 0.01,
+    images: Iterable[ArrayLike], exposures: ArrayLike, response: Calibration | Passport | ArrayLike
 ) -> Merged:
     """Merge aligned photographs of one static scene.
 
@@ -58,15 +55,13 @@ def merge_series(
     response : Calibration, Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
         Curves by themselves are inverse responses. One serves all channels. A band, where there is one, tells where
         the curve is little known.
-    noise : float
-        Standard deviation of the brightness of one pixel, in units of the full range.
 
     Returns
     -------
     Merged
-        Pixels at 0 or from 254/255 of full scale weigh nothing, and those below their own noise nothing but in the
-        longest exposure. Where a channel is clipped in all exposures, its radiance is the nearest end of what could be
-        measured: 0, or what just saturates the least exposure.
+        Pixels at 0 or from 254/255 of full scale weigh nothing, and those below their own noise, 0.01 in brightness,
+        nothing but in the longest exposure. Where a channel is clipped in all exposures, its radiance is the nearest
+        end of what could be measured: 0, or what just saturates the least exposure.
 
     Examples
     --------
@@ -77,8 +72,6 @@ def merge_series(
     """
     arrays = as_series(images) if isinstance(images, Sequence) else map(np.atleast_3d, images)
     light = 2.0 ** as_stops(exposures, len(arrays) if isinstance(arrays, list) else np.size(exposures))
-    if not 0 < noise < 1:
-        raise InputError(f"noise={noise!r} is out of range; use a number between 0 and 1, such as 0.01")
     total: NDArray[np.float32] = np.empty(0, dtype=np.float32)
     weighted = total
     for image, exposure in zip(arrays, light, strict=True):
@@ -86,7 +79,7 @@ def merge_series(
         if not total.size:
             # Not as parts of one array, which would stay as long as one of them.
             total, weighted = (np.zeros(image.shape, dtype=np.float32) for _ in range(2))
-            tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1, noise)
+            tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1)
             # A level below its own noise may be stray light, which a short exposure makes large.
             sure = tables[0] >= 1.0
             clear = [tables[0] * sure, tables[1] * sure, tables[2]]
@@ -123,7 +116,7 @@ def _curves(response: Calibration | Passport | ArrayLike, channels: int) -> tupl
     return curves, (high - low) / (wide * np.maximum(curves, _LEAST))
 
 
-def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[NDArray[np.float32]]:
+def _tables(curves: Array, deviation: Array, levels: int) -> list[NDArray[np.float32]]:
     """Tabulate what every level says: weight, weight times irradiance, and what a clipped pixel has at least.
 
     Each table has the shape (levels, 1, c). With g the inverse response and s the relative deviation of its band, the
@@ -133,7 +126,7 @@ def _tables(curves: Array, deviation: Array, levels: int, noise: float) -> list[
     brightness = np.linspace(0.0, 1.0, levels)
     g = evaluate(curves, brightness)
     steepness = evaluate(np.gradient(curves, GRID, axis=1), brightness) / np.maximum(g, _LEAST)
-    variance = evaluate(deviation, brightness) ** 2 + (noise * steepness) ** 2
+    variance = evaluate(deviation, brightness) ** 2 + (_NOISE * steepness) ** 2
     measured = (brightness > 0.0) & (brightness < SATURATED)
     weight = np.where(measured, 1.0 / np.maximum(variance, _LEAST), 0.0)
     bound = np.where(measured, 0.0, g)
