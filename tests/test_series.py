@@ -136,8 +136,8 @@ def test_the_photograph_that_something_passed_through_is_named(visited):
     images = [image.copy() for image in series.images]
     cv2.circle(images[visited], (200, 160), 80, (120, 90, 60), -1)
     named = [reduce_image(image, f"{i}.jpg") for i, image in enumerate(images)]
-    for given, name in ((named, f"{visited}.jpg"), (images, f"photograph {visited + 1}")):
-        warned = calibrate_series(given, series.stops).warnings
+    for shown, name in ((named, f"{visited}.jpg"), (images, f"photograph {visited + 1}")):
+        warned = calibrate_series(shown, series.stops).warnings
         assert all(f"most in {name}; they are left out" in "".join(texts) for texts in warned)
 
 
