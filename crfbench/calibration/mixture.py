@@ -51,6 +51,7 @@ _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _WHITE, _BELOW_WHITE = 0.06, (50, 54)
 _RANK = 24  # of the basis; what is finer is `Noise.fine`
 _POWER = 0.001  # relative standard deviation of the power that exposures tell
+_SCATTERED = 2.5  # level of noise, or of errors, from which on references are thought to tell it as well
 _MOST_STRETCH = 0.1
 _APART, _APART_WITH_RAW = 0.08, 0.02  # colour at which a patch counts half, where RAW tells the others well less
 _STEP = 4  # rows
@@ -137,23 +138,28 @@ class _Eliminated(NamedTuple):
     log_det: Array  # shape (m,)
     exposures: Array  # shape (n, e, r + 1)
     references: Array  # shape (n, p, r + 1)
-    share: Array  # shape (n, p); variance that is left of each reference's error
+    share: Array  # shape (n, p); variance that is left of each reference's error, but for what ties them:
+    tie: Array  # shape (n, p); the covariance of their errors is diag(share) less its outer product
     own: Array  # shape (n, e, e); precision of the exposures
 
     def left(self, precision: Array, sets: Indices, e: int, p: Indices) -> Array:
         """Return the variance that is left of exposure and reference together, of one patch of some sets."""
-        share = self.share[sets, p]
-        along = -share[:, None] * precision[sets, :, p]
+        share, tie, w = self.share[sets, p], self.tie[sets, p], precision[sets]
+        along = tie[:, None] * (w @ self.tie[sets, :, None])[..., 0] - share[:, None] * precision[sets, :, p]
         along[:, e] += 1.0
-        return np.asarray(share + (along * np.linalg.solve(self.own[sets], along[..., None])[..., 0]).sum(axis=1))
+        solved = np.linalg.solve(self.own[sets], along[..., None])[..., 0]
+        return np.asarray(share - tie**2 + (along * solved).sum(axis=1))
 
 
 class Readings:
     """Observations in a basis, with references and exposures eliminated."""
 
-    def __init__(self, observations: Observations, noise: Noise, family: Family) -> None:
+    def __init__(
+        self, observations: Observations, noise: Noise, family: Family, tied: NDArray[np.bool_] | None = None
+    ) -> None:
         b = observations.brightness
         self.observations, self.noise, self.maps = observations, noise, family.maps
+        self.reference_power = self._reference_power(tied)
         self.independent = b.shape[1] ** (noise.repeats - 1.0)
         # The channels of a coloured patch bend apart, and in each photograph otherwise.
         apart = observations.colour / (_APART_WITH_RAW if observations.absolute else _APART)
@@ -190,6 +196,7 @@ class Readings:
             weight, logs = seen / o.reference_error**2, np.log(o.reference)
             mean = (weight * logs).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
             known += (weight * (logs - mean) ** 2).sum(axis=1)
+        known += self.reference_power.any(axis=1) * _POWER**-2
         if o.exposures is not None:
             known += _POWER**-2
         scales = counts.any(axis=2).sum(axis=1) if o.exposures is None else 0
@@ -215,6 +222,19 @@ class Readings:
         power = np.maximum((trend**2).sum(axis=1) * np.log(2) ** 2, 1e-12) * _POWER**2
         return np.asarray(prior + along[:, :, None] * along[:, None] / power[:, None, None])
 
+    def _reference_power(self, tied: NDArray[np.bool_] | None) -> Array:
+        """Return the precision of the references' power of some sets (n,) as the root of an outer product, (n, p).
+
+        Errors that grow with the reference are a power of the curve too, see `exposure_prior`.
+        """
+        o = self.observations
+        seen = o.counts.any(axis=1)
+        if tied is None or o.reference is None:
+            return np.zeros(seen.shape)
+        logs = np.ma.array(np.log(o.reference), mask=~seen)
+        trend = (logs - logs.mean(axis=1, keepdims=True)).filled(0.0) * tied[:, None]
+        return np.asarray(trend / np.maximum((trend**2).sum(axis=1, keepdims=True), 1e-12) / _POWER)
+
     def eliminate(self, ratio: float) -> _Eliminated:
         """Eliminate references, then exposures; see `crfbench.calibration.posterior.Likelihood`."""
         w, by_patch = self.precision, self.by_patch
@@ -224,19 +244,26 @@ class Readings:
         errors = error**2 if self.observations.reference is not None else np.full((n, p), _UNKNOWN**2)
         prior = self.exposure_prior(ratio)
         share = 1.0 / (w.sum(axis=1) + 1.0 / errors)
-        crossed = w * share[:, None]
+        along = self.reference_power
+        tied = 1.0 + (share * along**2).sum(axis=1)
+        tie = share * along / np.sqrt(tied)[:, None]
+        crossed, back = w * share[:, None], (w @ tie[..., None], tie[:, None] @ by_patch)
         own = np.eye(e) * w.sum(axis=2)[:, None] - crossed @ np.swapaxes(w, 1, 2) + prior
-        h = self.by_photograph - crossed @ by_patch
+        own += back[0] @ np.swapaxes(back[0], 1, 2)
+        h = self.by_photograph - crossed @ by_patch + back[0] @ back[1]
         exposures = np.linalg.solve(own, h)
         scaled = np.sqrt(share)[..., None] * by_patch
-        gram = self.gram - np.swapaxes(scaled, 1, 2) @ scaled - np.swapaxes(h, 1, 2) @ exposures
+        gram = self.gram - np.swapaxes(scaled, 1, 2) @ scaled + np.swapaxes(back[1], 1, 2) @ back[1]
+        gram -= np.swapaxes(h, 1, 2) @ exposures
         log_det = np.log(errors / share).sum(axis=1) + np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
-        references = share[..., None] * (by_patch - np.swapaxes(w, 1, 2) @ exposures)
+        log_det += np.log(tied / (1.0 + (errors * along**2).sum(axis=1)))
+        left = by_patch - np.swapaxes(w, 1, 2) @ exposures
+        references = share[..., None] * left - tie[..., None] * (tie[:, None] @ left)
         a, maps = gram[:, :-1, :-1].reshape(-1, len(self.maps), k - 1, k - 1), self.maps
         coupled = (np.swapaxes(maps, 1, 2) @ a @ maps).sum(axis=1)
         h_coupled = np.einsum("mcr,crs->ms", gram[:, :-1, -1].reshape(a.shape[:3]), maps)
         square = self.by_camera(np.maximum(gram[:, -1, -1], 0.0))
-        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share, own)
+        return _Eliminated(coupled, h_coupled, square, self.by_camera(log_det), exposures, references, share, tie, own)
 
     def by_camera(self, values: Array) -> Array:
         """Sum over the channels of each camera, (n,) to (m,)."""
@@ -411,7 +438,11 @@ def marginalised(
         z, own = table.unconstrained[None, step], family
         if nearest is not None:
             z, own = _with_near_rows(model, nearest[cameras], table, family, seed)
-        mixture = solve(some, noise, own if difference is None else own.with_channels(difference), z)
+        own = own if difference is None else own.with_channels(difference)
+        mixture = solve(some, noise, own, z)
+        tied = mixture.noise_level > _SCATTERED
+        if some.reference is not None and not some.absolute and tied.any():
+            mixture = solve(some, noise, own, z, np.repeat(tied, channels))
         each = [np.repeat(a, channels, axis=0) for a in (mixture.best, mixture.noise_level)]
         if not with_samples:
             return [*each, from_knots(mixture.middle())]
@@ -449,9 +480,19 @@ def _with_near_rows(model: ResponseModel, best: Array, table: Table, family: Fam
     return z, family._replace(components=(logs - family.mean) @ family.basis, log_weight=log_weight)
 
 
-def solve(observations: Observations, noise: Noise, family: Family, unconstrained: Array) -> Mixture:
-    """Return the posterior of every set of observations; components have those parameters (1 or m, c, k)."""
-    readings = Readings(observations, noise, family)
+def solve(
+    observations: Observations,
+    noise: Noise,
+    family: Family,
+    unconstrained: Array,
+    tied: NDArray[np.bool_] | None = None,
+) -> Mixture:
+    """Return the posterior of every set of observations; components have those parameters (1 or m, c, k).
+
+    Of the sets that are `tied` (n,), references tell the power as surely as exposures do. Where many readings scatter
+    widely, a flat curve would else make their scatter small, and errors that grow with the references account for it.
+    """
+    readings = Readings(observations, noise, family, tied)
     found = [readings.eliminate(ratio) for ratio in _RATIOS]
     solved = _Solved.of(found, family)
     logs = solved.log_probability(readings)
