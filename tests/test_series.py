@@ -216,23 +216,42 @@ def test_merge_of_linear_photographs_is_exact():
 
 
 def test_merge_weighs_by_inverse_variance():
-    """For a linear camera a level b has the relative variance (noise / b)^2."""
-    images, noise = [np.uint8([[51]]), np.uint8([[120]])], 0.01
-    precision = np.array([51, 120]) ** 2 / (255 * noise) ** 2
-    merged = merge_series(images, [0, 1], GRID)
+    """For a linear camera irradiance has the noise of brightness and of the sensor, over the square of the exposure."""
+    merged = merge_series([np.uint8([[51]]), np.uint8([[120]])], [0, 1], GRID)
+    precision = np.array([1, 4]) / (0.01**2 + 0.002**2)
     expected = precision @ (np.array([51, 60]) / 255) / precision.sum()
     np.testing.assert_allclose(merged.radiance, expected, rtol=1e-5)
-    np.testing.assert_allclose(merged.weight, precision.sum(), rtol=1e-4)
+    np.testing.assert_allclose(merged.weight, precision.sum() * expected**2, rtol=1e-4)
+
+
+@pytest.mark.parametrize("gamma", [1.8, 2.2])
+def test_noise_of_the_sensor_makes_the_dark_no_brighter(gamma):
+    """What noise makes brighter must count no more than what it makes darker."""
+    light, rng = np.repeat(np.geomspace(0.01, 0.5, 16), 4096).reshape(256, 256), np.random.default_rng(0)
+    stops = np.arange(-6.0, 1.0)
+    noisy = [np.clip(light * 2.0**stop + rng.normal(0, 0.002, light.shape), 0, 1) for stop in stops]
+    images = [np.rint(255 * each ** (1 / gamma)).astype(np.uint8) for each in noisy]
+    merged = merge_series(images, stops, GRID**gamma).radiance.reshape(16, -1)
+    middle = np.median(merged, axis=1) / light.reshape(16, -1)[:, 0]
+    np.testing.assert_allclose(middle, 1.0, atol=0.05)
+
+
+def test_what_spills_over_from_saturated_neighbours_counts_where_nothing_else_does():
+    """A pixel of level 60 whose longer exposure shows 251 in place of 255."""
+    dark, spilt, black = (np.uint8([[level]]) for level in (60, 251, 0))
+    np.testing.assert_allclose(merge_series([dark, spilt], [0, 6], GRID).radiance, 60 / 255, rtol=1e-3)
+    np.testing.assert_allclose(merge_series([black, spilt], [0, 6], GRID).radiance, 251 / 255 / 64, rtol=1e-3)
+    np.testing.assert_allclose(merge_series([spilt, np.uint8([[255]])], [0, 6], GRID).radiance, 251 / 255, rtol=1e-3)
 
 
 def test_band_adds_its_own_variance():
     """Half a band of 90 % is 1.645 standard deviations."""
-    half, noise = 0.2 * GRID * (1 - GRID), 0.01
+    half = 0.2 * GRID * (1 - GRID)
     passport = Passport("inverse", GRID, low=GRID - half, high=GRID + half, level=0.9)
     merged = merge_series([np.uint8([[51]]), np.uint8([[102]])], [0, 1], passport)
     b = np.array([0.2, 0.4])
-    variance = (0.2 * (1 - b) / 1.645) ** 2 + (noise / b) ** 2
-    np.testing.assert_allclose(merged.weight, (1 / variance).sum(), rtol=1e-3)
+    variance = (0.2 * b * (1 - b) / 1.645) ** 2 + 0.01**2 + 0.002**2
+    np.testing.assert_allclose(merged.weight, 0.2**2 * (np.array([1, 4]) / variance).sum(), rtol=1e-3)
 
 
 def test_calibration_and_passports_merge_alike():

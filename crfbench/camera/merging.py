@@ -25,7 +25,9 @@ from crfbench.curves import GRID, Array, as_valid_curves, evaluate, repair
 from crfbench.errors import InputError
 from crfbench.files import check_new, write_new
 
-_NOISE = 0.01  # standard deviation of the brightness of one pixel, in units of the full range
+# Standard deviation of one pixel: of its brightness, and of its irradiance, in units of full scale.
+_NOISE, _READ = 0.01, 0.002
+_NEAR_WHITE, _FAINT = 0.97, 1e-9  # brightness, and the weight of what is brighter
 _LEVEL = 0.9  # of the band that is taken from a calibration
 _PART = 2**16  # pixels that are merged at once: they fit into the cache, and need little memory
 _LEAST = 1e-9  # irradiance, and share of it that is uncertain; keeps divisions finite
@@ -59,9 +61,9 @@ def merge_series(
     Returns
     -------
     Merged
-        Pixels at 0 or from 254/255 of full scale weigh nothing, and those below their own noise, 0.01 in brightness,
-        nothing but in the longest exposure. Where a channel is clipped in all exposures, its radiance is the nearest
-        end of what could be measured: 0, or what just saturates the least exposure.
+        Pixels at 0 or from 254/255 of full scale weigh nothing, those below their own noise nothing but in the longest
+        exposure, and those above 0.97 next to nothing but in the shortest. Where a channel is clipped in all exposures,
+        its radiance is the nearest end of what could be measured: 0, or what just saturates the least exposure.
 
     Examples
     --------
@@ -80,15 +82,22 @@ def merge_series(
             # Not as parts of one array, which would stay as long as one of them.
             total, weighted = (np.zeros(image.shape, dtype=np.float32) for _ in range(2))
             tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1)
-            # A level below its own noise may be stray light, which a short exposure makes large.
-            sure = tables[0] >= 1.0
-            clear = [tables[0] * sure, tables[1] * sure, tables[2]]
-        weight, *irradiance = tables if exposure == light.max() else clear
-        known = [weight, *(table / np.float32(exposure) for table in irradiance)]
+            # A level below its own noise may be stray light, which a short exposure makes large; one near white may be
+            # what spills over from a saturated neighbour, in a long exposure, and counts where nothing else does.
+            sure = tables[1] ** 2 >= tables[0]
+            dim = np.where(np.arange(len(sure)) < _NEAR_WHITE * len(sure), 1.0, _FAINT).astype(np.float32)[
+                :, None, None
+            ]
+        part = np.float32(exposure / light.max())
+        clear = (sure if exposure < light.max() else 1.0) * (dim if exposure > light.min() else 1.0)
+        known = [tables[0] * part**2 * clear, tables[1] * part * clear, tables[2] / part]
         step = max(1, _PART // image.shape[1])
         for rows in (slice(first, first + step) for first in range(0, len(image), step)):
             _add(image[rows], known, total[rows], weighted[rows])
     np.divide(weighted, total, out=weighted, where=total > 0)
+    total *= weighted
+    total *= weighted  # of the logarithm
+    weighted /= np.float32(light.max())
     least = total[..., 0]
     for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
         np.minimum(least, other, out=least)
@@ -120,16 +129,14 @@ def _tables(curves: Array, deviation: Array, levels: int) -> list[NDArray[np.flo
     """Tabulate what every level says: weight, weight times irradiance, and what a clipped pixel has at least.
 
     Each table has the shape (levels, 1, c). With g the inverse response and s the relative deviation of its band, the
-    logarithm of an irradiance has the variance s^2 + (noise g' / g)^2. It is relative, so that the weight does not
-    depend on the radiance itself.
+    irradiance has the variance (s g)^2 + (noise g')^2 + (read noise)^2. It is that of the irradiance, not of its
+    logarithm: what noise makes brighter than it is must not count for more.
     """
     brightness = np.linspace(0.0, 1.0, levels)
-    g = evaluate(curves, brightness)
-    steepness = evaluate(np.gradient(curves, GRID, axis=1), brightness) / np.maximum(g, _LEAST)
-    variance = evaluate(deviation, brightness) ** 2 + (_NOISE * steepness) ** 2
+    g, slope = evaluate(curves, brightness), evaluate(np.gradient(curves, GRID, axis=1), brightness)
+    variance = (evaluate(deviation, brightness) * g) ** 2 + (_NOISE * slope) ** 2 + _READ**2
     measured = (brightness > 0.0) & (brightness < SATURATED)
-    weight = np.where(measured, 1.0 / np.maximum(variance, _LEAST), 0.0)
-    bound = np.where(measured, 0.0, g)
+    weight, bound = np.where(measured, 1.0 / variance, 0.0), np.where(measured, 0.0, g)
     return [table.T[:, None].astype(np.float32) for table in (weight, weight * g, bound)]
 
 
