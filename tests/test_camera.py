@@ -147,7 +147,7 @@ def test_exposures_that_contradict_the_photographs_can_be_estimated(tmp_path):
         cv2.imwrite(str(tmp_path / f"{name}.png"), image[..., ::-1])
     wrong = camera.calibrate(tmp_path, "none", [1, 2, 16, 32, 64])
     assert "--exposures estimate" in wrong.warnings[-1]
-    assert any(text.startswith("c is ") and "its exposure says 3.0" in text for text in wrong.warnings)
+    assert any(text.startswith("c.png is ") and "its exposure says 3.0" in text for text in wrong.warnings)
     right = camera.calibrate(tmp_path, "none", "estimate")
     assert not any("stops" in text for text in right.warnings)
     stops = right.calibration.observations.exposures[0]

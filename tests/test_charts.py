@@ -460,6 +460,16 @@ def test_every_problem_is_named(tmp_path, small_pair):
     }  # fmt: skip
 
 
+def test_labels_of_no_photograph_are_named(photographs):
+    _, pairs = photographs
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    for labels, named in (({"other": corners}, "other"), ({}, "no photograph")):
+        with pytest.raises(InputError, match=f"the labels are of {named}; use labels of e 1, e 2, empty"):
+            chart_table(pairs, labels)
+    _, measured, _ = chart_table(pairs[:1], {"e 1.jpg": chart_table(pairs[:1])[1]["e 1"].corners})
+    assert list(measured) == ["e 1"], "the name of the file does too"
+
+
 def test_given_files_of_another_kind_are_named(tmp_path):
     pairs, problems = pair_photographs([tmp_path / "a.txt"])
     assert pairs == []

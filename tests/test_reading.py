@@ -271,6 +271,9 @@ def test_the_white_level_is_guessed_where_it_is_plain(tmp_path):
         assert bool(notes) == (name != "tall")
     assert "end at 511" in find_white_level([tmp_path / "dark.png"])[1][0]
     assert find_white_level([tmp_path / "dark.png", tmp_path / "full.png"])[0] == 4095
+    level, notes = find_white_level([tmp_path / "dark.png"] * 2)
+    assert (level, "white is taken as 1023" in notes[0]) == (1023, True), "no series leaves most of its range unused"
+    assert find_white_level([tmp_path / "dark.png", tmp_path / "tall.png"]) == (None, [])
     Image.new("L", (8, 8)).save(tmp_path / "eight.png")
     assert find_white_level([tmp_path / "eight.png", tmp_path / "nowhere.png"]) == (None, [])
     stretched = read_levels(tmp_path / "full.png", 4095)
@@ -459,6 +462,38 @@ def test_times_in_a_file(three, tmp_path_factory, name, text, note):
     assert note in "".join(plan.notes)
 
 
+def test_what_a_jpeg_does_not_tell_its_raw_file_does(tmp_path):
+    scene = render_chart(GRID, 1, size=(96, 64))
+    photographs.write_pair(tmp_path, "a", scene, exposure_time=0.25, model="Camera")
+    save_jpeg(tmp_path / "a.jpg")
+    (exif,) = plan_photographs(tmp_path).exifs
+    assert (exif.exposure_time, exif.model) == (0.25, "Camera")
+    save_jpeg(tmp_path / "a.jpg", {TIME: 0.5})
+    (exif,) = plan_photographs(tmp_path).exifs
+    assert (exif.exposure_time, exif.model) == (0.5, "Camera")
+
+
+def test_folders_within_a_folder_are_named(tmp_path):
+    (tmp_path / "camera").mkdir()
+    with pytest.raises(InputError, match=r"camera is a folder; give it by itself, .*--each"):
+        camera.calibrate(tmp_path, "none")
+
+
+def test_a_tiff_file_of_several_photographs_is_refused(tmp_path):
+    tifffile.imwrite(tmp_path / "stack.tif", np.zeros((3, 8, 8, 3), np.uint8), photometric="rgb")
+    for read in (read_levels, read_exif):
+        with pytest.raises(FormatError, match=r"stack\.tif holds 3 pictures of one size; use a file for each"):
+            read(tmp_path / "stack.tif")
+
+
+def test_what_was_left_out_is_named_where_the_rest_does_not_do(tmp_path):
+    for i in range(2):
+        save_jpeg(tmp_path / f"{i}.jpg", {TIME: 2.0**i})
+    (tmp_path / "broken.jpg").write_bytes(b"none")
+    with pytest.raises(InputError, match=r"brightness changes by .*\(left out: broken\.jpg is not a readable"):
+        camera.calibrate(tmp_path, "none")
+
+
 def test_a_list_that_lacks_a_photograph(three):
     (three / "t.txt").write_text("c.jpg 1\nd.jpg 2")
     _, stops, problems = read_series(three, three / "t.txt")
@@ -466,6 +501,7 @@ def test_a_list_that_lacks_a_photograph(three):
     assert problems[0].reason.startswith("a b.jpg does not tell its exposure; give times")
     for text, message in (
         ("x 1\ny 2", r"t\.txt names none of"),
+        ("c.jpg 1/1O\nd.jpg 2", "t.txt, line 'c.jpg 1/1O': '1/1O' is not an exposure time"),
         ("c.jpg 1\nd.jpg two", "t.txt, line 'd.jpg two': 'two' is not an exposure time"),
     ):
         (three / "t.txt").write_text(text)
@@ -625,6 +661,7 @@ def test_notes_stand_in_the_report(tmp_path):
         == said[1:]
         == [
             "5 of 5 files do not tell the f-number, which is taken as constant",
+            "exposures tell curves up to a scale: where white lies, the model says",
         ]
     )
     from crfbench.camera.outputs import report_page

@@ -116,6 +116,15 @@ def test_small_errors_of_many_steps_do_not_add_up_to_a_shift(size):
     assert align_series(moved, np.arange(12))[1][:, 0].tolist() == [1] * 4 + [0] * 4 + [-1] * 4
 
 
+def test_times_in_place_of_stops_are_told():
+    series = render_series(GAMMA, 1, size=(240, 160))
+    with pytest.raises(InputError, match=r"doubles .* where exposures say 0\.0.* stops, .*give exposures in stops"):
+        calibrate_series(series.images, 2.0**series.stops / 60)
+    assert "stops" not in "".join(calibrate_series(series.images, series.stops).warnings[0])
+    exchanged = "".join(calibrate_series(series.images, series.stops[[0, 1, 3, 2, 4]]).warnings[0])
+    assert "photograph 3 is 1.0 stops below photograph 4; its exposure says 1.0 stops above it" in exchanged
+
+
 def test_what_moves_is_left_out_and_told():
     response = load_opencrf().curves[0]
     series = render_series(response, 0, size=(480, 320))

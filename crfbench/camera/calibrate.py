@@ -19,21 +19,27 @@ from crfbench.camera.pairs import calibrate_pairs, scene_pairs
 from crfbench.camera.passport import CHANNELS, Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
-from crfbench.camera.series import calibrate_series, find_shifts, reduce_photograph, shifted
+from crfbench.camera.series import (
+    Reduced,
+    calibrate_series,
+    find_shifts,
+    reduce_photograph,
+    shifted,
+    with_contradictions,
+)
 from crfbench.camera.vignetting import find_vignetting
 from crfbench.camera.worker import WORKER
 from crfbench.checks import check_choice, check_count
-from crfbench.curves import repair
+from crfbench.curves import Array, repair
 from crfbench.datasets.chart import load_labels
 from crfbench.errors import InputError
-from crfbench.models import DEFAULT_MODEL, ModelKey
+from crfbench.models import DEFAULT_MODEL, ModelKey, ResponseModel
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 _LEVEL = 0.9
 _ESTIMATE = "estimate"
-_CONTRADICTS = 0.5  # stops, between two photographs
 _NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
 
 
@@ -177,6 +183,7 @@ def _from_chart(
     if colour is None:
         first = calibrate_observations(model, observe_chart(patches, used.stops), "map")
         calibration = calibrate_observations(model, weighed_by_scatter(first), "posterior")
+        calibration = with_contradictions(calibration, [pair.jpeg.name for pair in used.pairs])
     else:
         calibration = colour.calibration
     passport, photographs = _passport(calibration, key, used, created, colour), {p.name: p.jpeg for p in used.pairs}
@@ -227,10 +234,11 @@ def _from_series(
         ]
     stops, error = None if error is None else used.stops, error or _EXACT
     try:
-        calibration = calibrate_series(images, stops, model, per_channel=rgb, exposure_error=error)
-    except InputError as problem:  # one channel may be too dark by itself
-        calibration = calibrate_series(images, stops, model, per_channel=False, exposure_error=error)
-        notes = [*notes, f"one curve stands for all channels, for by themselves {problem}"]
+        calibration, note = _by_channel(images, stops, model, rgb, error)
+    except InputError as problem:
+        left_out = f" (left out: {_reasons(used.problems)})" if used.problems else ""
+        raise InputError(f"{problem}{left_out}") from None
+    notes = [*notes, *note, "exposures tell curves up to a scale: where white lies, the model says"]
     passport = _passport(calibration, key, used, created)
     if vignette:
         coefficients, deviation = find_vignetting(_ahead(_again(used)), passport.curves)
@@ -244,6 +252,17 @@ def _from_series(
     merged = merge_series(_ahead(again), used.stops if told is None else told[0], calibration)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
+
+
+def _by_channel(
+    images: list[Reduced], stops: Array | None, model: ResponseModel, rgb: bool, error: float
+) -> tuple[Calibration, list[str]]:
+    """Calibrate a series channel by channel, or where one is too dark by itself all together, and say so."""
+    try:
+        return calibrate_series(images, stops, model, per_channel=rgb, exposure_error=error), []
+    except InputError as problem:
+        together = calibrate_series(images, stops, model, per_channel=False, exposure_error=error)
+        return together, [f"one curve stands for all channels, for by themselves {problem}"]
 
 
 def _again(used: Plan) -> Iterator[NDArray[Any]]:
@@ -265,33 +284,14 @@ def _shifted(shifts: NDArray[np.intp], names: list[str]) -> str:
     return f"shifted to lie over the others, in pixels: {', '.join(moved)}"
 
 
-def _warnings(calibration: Calibration, names: list[str], colour: ColourCalibration | None) -> list[str]:
+def _warnings(calibration: Calibration, colour: ColourCalibration | None) -> list[str]:
     """Say what is doubtful of the curves; with the channel's name where it does not hold for all."""
     common = [text for text in calibration.warnings[0] if all(text in texts for texts in calibration.warnings)]
     pairs = zip(CHANNELS[len(calibration)], calibration.warnings, strict=True)
     single = [f"{name}: {text}" for name, texts in pairs for text in texts if text not in common]
     mixed = "the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"
     diagonal = [mixed] if colour is not None and not colour.told[0] else []
-    return [*common, *single, *diagonal, *_contradictions(calibration, names)]
-
-
-def _contradictions(calibration: Calibration, names: list[str]) -> list[str]:
-    """Name the photographs that are not as far from the one before as their exposures say."""
-    given = calibration.observations.exposures
-    if given is None or given.shape[1] != len(names):
-        return []
-    order = np.argsort(given[0], kind="stable")
-    steps, off = np.diff(given[0, order]), np.diff(np.median(calibration.exposure_errors, axis=0)[order])
-    said = [
-        f"{names[late]} is {_apart(step + more)} {names[early]}; its exposure says {_apart(step)} it"
-        for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
-        if abs(more) > _CONTRADICTS
-    ]
-    return [*said, "where exposures are wrong, --exposures estimate takes the photographs' word"] if said else []
-
-
-def _apart(stops: float) -> str:
-    return f"{abs(stops):.1f} stops {'above' if stops >= 0 else 'below'}"
+    return [*common, *single, *diagonal]
 
 
 def _passport(
@@ -299,7 +299,6 @@ def _passport(
 ) -> Passport:
     """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files."""
     exif = next((exif for exif in used.exifs if exif.model), used.exifs[0])
-    names = [pair.name for pair in used.pairs] if used.stops.any() else []  # estimated exposures contradict nothing
     files = [path for pair in used.pairs for path in (pair.jpeg, pair.raw) if path is not None]
     low, high = (repair(curves) for curves in calibration.bands[_LEVEL])
     curve = repair(calibration.curves)
@@ -319,7 +318,7 @@ def _passport(
         valid_range=(float(darkest), float(brightest)),
         created=created,
         white_level=used.white_level,
-        warnings=tuple(_warnings(calibration, names, colour)),
+        warnings=tuple(_warnings(calibration, colour)),
         **({} if colour is None else {"matrix": colour.matrix[0], "soft": colour.soft[0], "told": colour.told[0]}),
     )
 

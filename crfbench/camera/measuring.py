@@ -257,7 +257,7 @@ def measure_photograph(
     on; without them the chart is sought in the JPEG. `white_level` as in `read_image`. Grey photographs and two sizes
     are a `FormatError`.
     """
-    pixels, exif = read_image(jpeg, white_level), read_exif(jpeg)
+    pixels, exif = read_image(jpeg, white_level), read_exif(jpeg, raw)
     if pixels.ndim == 2:
         raise FormatError(f"{jpeg.name} is grey, and a chart is told by its colours; use --chart none and a series")
     found, confidence = find_chart(pixels) if corners is None else orient(pixels, corners)
@@ -283,8 +283,8 @@ def chart_table(
     pairs : sequence of Pair
         See `pair_photographs`; without a RAW file, its columns are NaN.
     labels : mapping of str to array_like, shape (4, 2), optional
-        Corners by the name of the photograph (`load_labels`); in the other photographs the chart is sought, and where
-        none is found, tried at the corners of the surest.
+        Corners by the name of the photograph (`load_labels`) or of its file; in the other photographs the chart is
+        sought, and where none is found, tried at the corners of the surest.
     white_level : int, optional
         As in `crfbench.camera.read_image`.
 
@@ -300,7 +300,11 @@ def chart_table(
     """
     import pandas as pd
 
-    corners = dict(labels or {})
+    given = labels or {}
+    corners = {pair.name: given[key] for pair in pairs for key in (pair.name, pair.jpeg.name) if key in given}
+    if labels is not None and not corners:
+        names = ", ".join(pair.name for pair in pairs)
+        raise InputError(f"the labels are of {', '.join(labels) or 'no photograph'}; use labels of {names}")
     found = {pair.name: _measured(pair, corners.get(pair.name), white_level) for pair in pairs}
     charts = [each for each in found.values() if isinstance(each, MeasuredChart)]
     if charts and len(charts) < len(found):  # the camera may have stood still

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from crfbench.calibration import Calibration
 from crfbench.calibration.colour import to_raw
 from crfbench.checks import as_finite, check_choice, check_count, check_number, refuse_masked
-from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, evaluate, invert
+from crfbench.curves import Array, Direction, as_curves, as_valid_curves, check_direction, evaluate, invert, repair
 from crfbench.errors import InputError
 
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
@@ -223,7 +224,7 @@ def _check_created(created: str) -> None:
 
 def linearise(
     image: ArrayLike,
-    response: Passport | ArrayLike,
+    response: Calibration | Passport | ArrayLike,
     dtype: DTypeLike = np.float32,
     to: str = "light",
     vignette: bool = False,
@@ -235,8 +236,8 @@ def linearise(
     image : array_like, shape (h, w) or (h, w, 3)
         Brightness. Integers of 8 or 16 bits count from 0 to 255 or 65535; floats from 0 to 1, beyond which the
         curve's ends hold. The three channels are red, green and blue.
-    response : Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
-        Curves without a passport are inverse responses. One curve serves all channels.
+    response : Calibration, Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
+        Curves by themselves are inverse responses. One curve serves all channels.
     dtype : {float32, uint16}
         Of the result: irradiance in [0, 1], or 65535 times it, rounded.
     to : {"light", "camera"}
@@ -256,6 +257,8 @@ def linearise(
     """
     if dtype not in (np.dtype(np.float32), np.dtype(np.uint16)):
         raise InputError(f"dtype={dtype!r} is not known; use float32 or uint16")
+    if isinstance(response, Calibration):
+        response = repair(response.curves)
     if vignette:
         if not isinstance(response, Passport):
             raise InputError("curves alone hold no vignetting; use a passport of a series calibrated with it")

@@ -214,7 +214,7 @@ def plan_photographs(
     exifs = []
     for pair in pairs:
         try:
-            exifs.append(WORKER.run(read_exif, pair.jpeg))
+            exifs.append(WORKER.run(read_exif, pair.jpeg, pair.raw))
         except FormatError as error:
             exifs.append(Exif())
             problems.append(Problem(pair.jpeg, str(error)))
@@ -274,6 +274,8 @@ def _other_cameras(plan: Plan) -> list[Problem]:
 
 
 def _unknown_kind(path: Path) -> Problem:
+    if path.is_dir():
+        return Problem(path, f"{path.name} is a folder; give it by itself, or several cameras' folders with --each")
     return Problem(path, f"{path.name} is neither RAW nor {IMAGES} by its extension")
 
 
@@ -324,7 +326,7 @@ def _listed_times(path: Path, pairs: Sequence[Pair]) -> tuple[Array, list[str]]:
         try:
             times[_folded(whole)] = times[_folded(row[0])] = _seconds(row[-1])
         except InputError as error:
-            if line != lines[0]:  # which may name the columns
+            if line != lines[0] or re.search("[0-9]", row[-1]):  # the first may name the columns
                 raise InputError(f"{path.name}, line {line[:60]!r}: {error}") from None
     keys = ([_folded(name) for name in (pair.jpeg.name, pair.name, pair.jpeg.stem)] for pair in pairs)
     found = np.array([next((times[key] for key in each if key in times), np.nan) for each in keys])
@@ -366,7 +368,8 @@ def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
     """Guess the white level of images with 16 bits a value from their greatest level, and say so.
 
     Where that is the greatest number of 10, 12 or 14 bits, or up to a tenth less and held by a thousandth of all
-    values of an image, as saturated ones are, it is white. None means 65535.
+    values of an image, as saturated ones are, it is white. Of several images, where none needs more than 14 bits, the
+    greatest number of the bits that they need is. None means 65535.
     """
     tops = [(0, 0.0)]
     for path in paths:
@@ -376,6 +379,8 @@ def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
     for full in (1023, 4095, 16383):
         if level == full or (0.9 * full < level < full and share >= 1e-3):
             return level, [f"values of 16 bits end at {level}, which is taken as white; --white-level sets another"]
+        if 255 < level < full and len(tops) > 2:
+            return full, [f"values of 16 bits end at {level}: white is taken as {full}; --white-level sets another"]
     unsure = f"values of 16 bits end at {level}; if white is lower than 65535, give --white-level"
     return None, [unsure] if 0 < level < 16383 else []
 

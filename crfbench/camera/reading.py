@@ -12,7 +12,7 @@ import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from math import isfinite
 from pathlib import Path
@@ -45,6 +45,7 @@ _EXPOSURE_TIME, _F_NUMBER, _ISO, _SHUTTER_SPEED, _APERTURE = 0x829A, 0x829D, 0x8
 _SENSITIVITIES = (0x8831, 0x8832, 0x8833)  # standard output sensitivity, recommended exposure index, ISO speed
 _ISO_UNTOLD = 65535  # says that the number does not fit its 16 bits
 _BITS, _PHOTOMETRIC, _PLANAR = 258, 262, 284
+_MASK = 4  # the bit of NewSubfileType that says that a page is transparency
 _GREY = frozenset({"L", "LA", "I;16", "I;16B", "I;16L"})
 _MODES = _GREY | {"RGB", "RGBA", "RGB;16", "RGBA;16", "L;16"}
 # What Pillow raises on bytes that are not an image, or one that was cut or altered.
@@ -161,8 +162,8 @@ def top_level(path: Path) -> tuple[int, float]:
     return int(levels.max()), np.count_nonzero(levels == levels.max()) / levels.size
 
 
-def read_exif(path: Path) -> Exif:
-    """Read exposure and camera from the header of an image or RAW file.
+def read_exif(path: Path, beside: Path | None = None) -> Exif:
+    """Read exposure and camera from the header of an image or RAW file; what it does not tell, of a RAW file beside it.
 
     In this order: ExposureTime, else ShutterSpeedValue; FNumber, else ApertureValue; PhotographicSensitivity, else, or
     where it is 65535 as it does not fit, the greatest of StandardOutputSensitivity, RecommendedExposureIndex and
@@ -170,7 +171,12 @@ def read_exif(path: Path) -> Exif:
     """
     path = Path(path)
     if path.suffix.lower() not in RAW_SUFFIXES:
-        return _exif(_open_image(path).tags)
+        told = _exif(_open_image(path).tags)
+        missing = [name for name, value in vars(told).items() if value is None]
+        if beside is None or not missing:
+            return told
+        other = vars(read_exif(beside))
+        return replace(told, **{name: other[name] for name in missing})
     with _open_raw(path) as raw:
         other = raw.other
     told = _exif(_exif_tags("RAW", path.read_bytes()))
@@ -234,7 +240,9 @@ def _open_image(path: Path) -> _Image:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about sizes, which are checked here, and damage that is found later
         try:
-            image = _opened(content)
+            image = _opened(content, path.name)
+        except FormatError:
+            raise
         except damage:
             use = "use a complete one, of whole numbers of 8 or 16 bits"
             raise FormatError(f"{path.name} is not a readable {IMAGES} file; {use}") from None
@@ -267,7 +275,7 @@ def _preview(path: Path) -> bytes:
     return bytes(cv2.imencode(".png", np.ascontiguousarray(_turned(preview.data, flip)[..., ::-1]))[1])
 
 
-def _opened(content: bytes) -> _Image:
+def _opened(content: bytes, name: str) -> _Image:
     """Open an image by its content: HEIC with libheif, AVIF, of the same container, and all others with Pillow."""
     from PIL import Image
 
@@ -279,7 +287,7 @@ def _opened(content: bytes) -> _Image:
         tags.pop(_ORIENTATION, None)  # libheif turns by itself
         return _Image("HEIF", heif, tags, 16 if heif.mode.endswith(";16") else 8, content)
     tags = {}
-    if content[:4] in (b"II*\0", b"MM\0*") and (page := _largest_page(content)):
+    if content[:4] in (b"II*\0", b"MM\0*") and (page := _largest_page(content, name)):
         tags = _exif_tags("TIFF", content)  # the page of a thumbnail may be the one that tells the exposure
         content = content[:4] + struct.pack("<I" if content[:1] == b"I" else ">I", page) + content[8:]
     image: Any = Image.open(BytesIO(content), formats=("JPEG", "PNG", "TIFF", "WEBP", "AVIF"))
@@ -288,7 +296,7 @@ def _opened(content: bytes) -> _Image:
     return _Image(kind, image, tags | _exif_tags(kind, image), 16 if bits == 16 else 8, content)
 
 
-def _largest_page(content: bytes) -> int:
+def _largest_page(content: bytes, name: str) -> int:
     """Return where the largest page of a TIFF file stands, those of SubIFDs among them; 0 where it is the first."""
     from tifffile import TiffFile
 
@@ -296,6 +304,9 @@ def _largest_page(content: bytes) -> int:
     with TiffFile(BytesIO(content)) as file:
         pages = [inner for page in file.pages for inner in (page, *(page.pages or () if page.subifds else ()))]
         largest = max(pages, key=lambda page: page.imagewidth * page.imagelength)
+        alike = sum(page.shape == largest.shape for page in pages if not page.subfiletype & _MASK)
+        if alike > 1:
+            raise FormatError(f"{name} holds {alike} pictures of one size; use a file for each")
         return 0 if largest is pages[0] else int(largest.offset)
 
 

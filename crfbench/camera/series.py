@@ -42,11 +42,13 @@ _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200,
 # many times what is usual; above the darkest, which may be a floor; the share of the blocks that is not worth a round,
 # and that which stays: where fewer would, it is not the scene that moves.
 _ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW, _LEFT = 5, 0.35, 0.3, 6.0, 0.03, 0.01, 0.25
-_FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
+_FREE, _EXACT, _LEAST = 50.0, 0.02, 1e-6  # stops that exposures may err by if nobody told them, or did; irradiance
+_CONTRADICTS = 0.5  # stops, between two photographs
 # Of aligning: the longer side of the pictures that are compared, in pixels; and the peak of phase correlation, which
 # is 1 for the same picture and near 0 for another, from which on it counts.
 _WIDEST, _SURE = 1024, 0.3
-_CHANGE = 2 / 255  # of brightness from the least to the greatest exposure; less is noise
+# Of brightness from the least to the greatest exposure: less is noise; and in powers of 2 a stop, more no camera gives.
+_CHANGE, _MOST_CHANGE = 2 / 255, 5.0
 
 
 class Reduced(NamedTuple):
@@ -155,7 +157,7 @@ def calibrate_series(
     n: int = 256,
     seed: int = 0,
     per_channel: bool = True,
-    exposure_error: float = 0.02,
+    exposure_error: float = _EXACT,
 ) -> Calibration:
     """Find the inverse response of the camera that took a series.
 
@@ -175,11 +177,26 @@ def calibrate_series(
         Standard deviation of each exposure in stops. Times as a camera names them, 1/60 for 1/64, call for 0.05.
     """
     images = _as_reduced(images)
+    model = model or load_model(DEFAULT_MODEL)
     if exposures is None:
-        return _estimated(images, model or load_model(DEFAULT_MODEL), method, n, seed, per_channel)
+        return _estimated(images, model, method, n, seed, per_channel)
+    found = _from_exposures(images, exposures, model, method, n, seed, per_channel, exposure_error)
+    return with_contradictions(found, _names(images))
+
+
+def _from_exposures(
+    images: Sequence[Reduced],
+    exposures: ArrayLike,
+    model: ResponseModel,
+    method: str,
+    n: int,
+    seed: int,
+    per_channel: bool,
+    exposure_error: float,
+) -> Calibration:
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
-    model, channels = model or load_model(DEFAULT_MODEL), len(observations) == 3
+    channels = len(observations) == 3
     # How much the blocks tell, channels by themselves say as well, and sooner.
     alone = partial(calibrate, model, noise=noise, seed=seed, table=decode_table(model, seed=seed))
     fit = partial(alone, channels=channels)
@@ -205,7 +222,7 @@ def calibrate_series(
         found = _told(found, [text.format(edge) if edge > 0 else "" for edge in floor])
     share = 1.0 - still[:, 0].mean(axis=1, where=observations.counts.any(axis=1))
     text = "{:.0%} of the blocks do not follow the exposures, as where something moves, most in {}; they are left out"
-    names = [images[k].name or f"photograph {k + 1}" for k in moved.sum(axis=2).argmax(axis=1)]
+    names = [_names(images)[k] for k in moved.sum(axis=2).argmax(axis=1)]
     return _told(found, [text.format(*each) if each[0] > _FEW else "" for each in zip(share, names, strict=True)])
 
 
@@ -224,13 +241,12 @@ def _estimated(
 ) -> Calibration:
     """Calibrate a series whose exposures nobody told: curve and exposures come from the photographs, up to a power."""
     order = np.argsort(np.argsort([image.mean for image in images], kind="stable")).astype(np.float64)
-    same: dict[str, Any] = {"n": n, "seed": seed, "per_channel": per_channel}
-    free = calibrate_series(images, order, model, method, exposure_error=_FREE, **same)
+    free = _from_exposures(images, order, model, method, n, seed, per_channel, _FREE)
     middle = (GRID > 0.1) & (GRID < 0.9)
     both = (model.decode(model.sample(256, seed)), free.curves)
     usual, ours = (np.log(np.maximum(curves[:, middle], _LEAST)).mean(axis=1) for curves in both)
     stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
-    found = calibrate_series(images, stops, model, method, **same)
+    found = _from_exposures(images, stops, model, method, n, seed, per_channel, _EXACT)
     power = usual.std() / abs(usual.mean())
     logs, bands = np.log(np.maximum(found.curves, _LEAST)), {}
     for level, band in found.bands.items():  # an uncertain power widens them in log irradiance
@@ -283,6 +299,31 @@ def _told(found: Calibration, sentences: Sequence[str]) -> Calibration:
     """Add a warning to each set; an empty one is none."""
     pairs = zip(found.warnings, sentences, strict=True)
     return replace(found, warnings=tuple((*old, text) if text else old for old, text in pairs))
+
+
+def with_contradictions(found: Calibration, names: Sequence[str]) -> Calibration:
+    """Warn of photographs, of those names, that are not as far from the one before as their exposures say."""
+    given = found.observations.exposures
+    if given is None:
+        return found
+    order = np.argsort(given[0], kind="stable")
+    steps, off = np.diff(given[0, order]), np.diff(np.median(found.exposure_errors, axis=0)[order])
+    said = [
+        f"{names[late]} is {_apart(step + more)} {names[early]}; its exposure says {_apart(step)} it"
+        for early, late, step, more in zip(order[:-1], order[1:], steps, off, strict=True)
+        if abs(more) > _CONTRADICTS
+    ]
+    if said:
+        said.append("where exposures are wrong, --exposures estimate takes the photographs' word")
+    return replace(found, warnings=tuple((*texts, *said) for texts in found.warnings))
+
+
+def _apart(stops: float) -> str:
+    return f"{abs(stops):.1f} stops {'above' if stops >= 0 else 'below'}"
+
+
+def _names(images: Sequence[Reduced]) -> list[str]:
+    return [image.name or f"photograph {i + 1}" for i, image in enumerate(images)]
 
 
 def _independent(found: Calibration) -> Array:
@@ -437,6 +478,13 @@ def _check_change(blocks: Array, stops: Array) -> None:
         raise InputError(
             f"brightness changes by {change:.3g} where exposure rises; use exposures in the order of the images, "
             "of a still scene, from a camera that does not brighten them by itself"
+        )
+    doublings = np.log2(mean[greatest, each] / mean[least, each])
+    told = stops[order][greatest] - stops[order][least]
+    if np.median(doublings - _MOST_CHANGE * told) > 0:
+        raise InputError(
+            f"brightness doubles {np.median(doublings):.2g} times where exposures say {np.median(told):.2g} stops, which "
+            "no camera does; give exposures in stops, log2 of times"
         )
 
 
