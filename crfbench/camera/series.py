@@ -482,10 +482,8 @@ def _check_change(blocks: Array, stops: Array) -> None:
     doublings = np.log2(mean[greatest, each] / mean[least, each])
     told = stops[order][greatest] - stops[order][least]
     if np.median(doublings - _MOST_CHANGE * told) > 0:
-        raise InputError(
-            f"brightness doubles {np.median(doublings):.2g} times where exposures say {np.median(told):.2g} stops, which "
-            "no camera does; give exposures in stops, log2 of times"
-        )
+        seen = f"brightness doubles {np.median(doublings):.2g} times where exposures say {np.median(told):.2g} stops"
+        raise InputError(f"{seen}, as no camera does; give exposures in stops, log2 of times")
 
 
 def _stratified(blocks: Array, n: int, rng: np.random.Generator) -> NDArray[np.intp]:
