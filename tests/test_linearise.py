@@ -53,7 +53,7 @@ def test_views_and_extremes():
     image = np.arange(256, dtype=np.uint8).reshape(16, 16)
     np.testing.assert_array_equal(linearise(image[::-1, ::2], RGB[0]), linearise(image, RGB[0])[::-1, ::2])
     assert linearise(image, RGB[0])[[0, -1], [0, -1]].tolist() == [0.0, 1.0]
-    assert linearise(np.array([[-1.0, 2.0]]), RGB[0]).tolist() == [[0.0, 1.0]]
+    assert linearise(np.array([[-1.0, 1.9]]), RGB[0]).tolist() == [[0.0, 1.0]]
     assert linearise(np.array([[1.0]]), RGB[0], np.uint16) == 65535
 
 
@@ -64,6 +64,7 @@ def test_views_and_extremes():
         (np.ma.array(np.full((2, 2), 9, np.uint8), mask=np.eye(2)), RGB[0], np.float32, "image holds 2 masked"),
         (np.zeros((2, 2), bool), RGB[0], np.float32, "bool"),
         (np.full((2, 2), np.nan), RGB[0], np.float32, "holds NaN"),
+        (np.full((2, 2), 255.0), RGB[0], np.float32, "image reaches 255; use floats from 0 to 1"),
         (np.zeros((2, 2, 4), np.uint8), RGB[0], np.float32, r"shape \(2, 2, 4\); use \(h, w\)"),
         (np.zeros((0, 2), np.uint8), RGB[0], np.float32, r"shape \(0, 2\)"),
         (np.zeros((2, 2), np.uint8), RGB, np.float32, "three curves do not match a grey image"),

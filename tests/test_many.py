@@ -67,7 +67,7 @@ def test_what_is_done_is_not_done_again(folders: list[Path], tmp_path: Path) -> 
 
 
 def test_folders_of_one_name_are_refused(folders: list[Path], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="2 folders have but 1 names"):
+    with pytest.raises(InputError, match="2 folders, and 1 different names"):
         list(calibrate_cameras([folders[0], folders[0]], tmp_path))
 
 

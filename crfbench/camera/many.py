@@ -41,7 +41,7 @@ def calibrate_cameras(
     paths, out = list(map(Path, folders)), Path(out).resolve()
     given = {path.resolve().name: path for path in paths}
     if len(given) < len(paths):
-        raise InputError(f"{len(paths)} folders have but {len(given)} names; use folders of different names")
+        raise InputError(f"{len(paths)} folders, and {len(given)} different names; use folders of different names")
     if inside := [path for path in paths if path.resolve().parent == out]:
         raise InputError(f"out={str(out)!r} holds {inside[0].name} itself; use another folder")
     out.mkdir(parents=True, exist_ok=True)

@@ -18,6 +18,7 @@ from crfbench.errors import InputError
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
+_NO_BRIGHTNESS = 2.0  # of floats; what is less may be full scale and an overshoot
 _MOST_FALL = 30.0  # of the coefficients of log V together; more is no lens
 _TEXTS = ("camera", "model", "data_sha256", "version", "created")
 
@@ -234,8 +235,8 @@ def linearise(
     Parameters
     ----------
     image : array_like, shape (h, w) or (h, w, 3)
-        Brightness. Integers of 8 or 16 bits count from 0 to 255 or 65535; floats from 0 to 1, beyond which the
-        curve's ends hold. The three channels are red, green and blue.
+        Brightness. Integers of 8 or 16 bits count from 0 to 255 or 65535; floats from 0 to 1, a little beyond
+        which the curve's ends hold. The three channels are red, green and blue.
     response : Calibration, Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
         Curves by themselves are inverse responses. One curve serves all channels.
     dtype : {float32, uint16}
@@ -298,6 +299,8 @@ def _interpolate(pixels: NDArray[Any], curves: Array) -> Array:
         raise InputError(f"the pixels are {pixels.dtype}; use uint8, uint16 or floats")
     if not np.isfinite(pixels).all():
         raise InputError("the image holds NaN or infinite values; use finite floats from 0 to 1")
+    if pixels.max() >= _NO_BRIGHTNESS:
+        raise InputError(f"the image reaches {pixels.max():.4g}; use floats from 0 to 1, or uint8 or uint16")
     if len(curves) == 1:
         return evaluate(curves[0], pixels.ravel()).reshape(pixels.shape)
     return evaluate(curves, pixels.reshape(-1, 3).T).T.reshape(pixels.shape)
