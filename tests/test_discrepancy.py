@@ -122,7 +122,7 @@ class Dense:
         self.family, self.seen, self.tied, self.counts = family, seen, tied, seen.counts[0].ravel()
         b = seen.brightness[0].ravel()
         self.basis, self.mean = between_knots(family.basis, b), between_knots(family.mean[:, None], b)[:, 0]
-        self.told = Readings(seen, ALL_COUNT, family, np.array([tied])).columns[0, ..., -1].ravel() + self.mean
+        self.told = Readings(seen, ALL_COUNT, family, tied).columns[0, ..., -1].ravel() + self.mean
 
     def joint(self, ratio, level, scale, component):
         """Return mean and covariance of the state, of the readings, and the covariance between the two."""
@@ -171,7 +171,7 @@ def test_the_posterior_is_that_of_the_dense_joint_distribution(known, tied, narr
     both = norm.logpdf(levels, np.log(0.35), 0.9) + norm.logpdf(levels + np.log(mixtures._RATIOS)[:, None], 0, 0.4)
     logs -= logsumexp(both)
     parameters = np.arange(5.0)[None, :, None]
-    found = solve(seen, ALL_COUNT, family, parameters, np.array([tied]))
+    found = solve(seen, ALL_COUNT, family, parameters, tied)
     assert found.log_evidence[0] == pytest.approx(logsumexp(logs), abs=1e-8)
     probability = np.exp(logs - logsumexp(logs))
     assert found.best[0, 0] == probability.sum(axis=(0, 1, 2)).argmax()
@@ -191,7 +191,7 @@ def test_a_clipped_patch_is_censored_as_in_the_dense_joint_distribution(known, t
     """Exact in probability and mean: what is told lies beyond what the term expects of that patch."""
     family, seen = toy(known, clipped=[(1, 3)])
     dense = Dense(family, seen, tied)
-    found = solve(seen, ALL_COUNT, family, np.zeros((1, 5, 1)), np.array([tied]))
+    found = solve(seen, ALL_COUNT, family, np.zeros((1, 5, 1)), tied)
     by_index, weights = dict(terms_of(family)), []
     for i, at in enumerate(zip(*(index[0] for index in found.which), strict=True)):
         mean, covariance = dense.given_readings(*by_index[tuple(map(int, at))])
@@ -246,16 +246,21 @@ def test_irradiance_below_that_of_white_is_told_of_every_term(narrower, monkeypa
     assert np.ptp(weights) > 0.01
 
 
-@pytest.mark.parametrize("name", ["Kernel-8", "SLR-ldl-1", "Gamma-1"])
+@pytest.mark.parametrize("name", ["Kernel-8", "SLR-ldl-1", "Gamma-1", "SLR-ldl-3"])
 def test_many_photographs_that_scatter_widely_make_no_flat_curve(name):
     """As of one chart in 15 scenes: each reading is off by 40 % of its light, and exposures are not known."""
     rng, (model, table) = np.random.default_rng(0), ready(name)
     reference = np.exp(np.linspace(np.log(0.03), np.log(0.9), 24))
-    light = reference * np.exp(rng.normal(-0.3, 0.3, (15, 1)) + rng.normal(0, 0.4, (15, 24)))
-    found = calibrate(model, Observations(np.minimum(light, 1) ** (1 / 2.2), reference), table=table)
+    scatter = np.array([0.4, 0.01])[:, None, None] * rng.standard_normal((2, 15, 24))
+    light = reference * np.exp(rng.normal(-0.3, 0.3, (15, 1)) + scatter)
+    seen = Observations(np.minimum(light, 1) ** (1 / 2.2), reference)
+    found = calibrate(model, seen, table=table)
     low, high = np.log(found.curves[0, [256, 768]])
     assert high - low > 0.8 * 2.2 * np.log(3)
     assert "scatter 4 times or more" in "".join(found.warnings[0])
+    for i in range(2):  # neither set of a batch changes what the other says
+        alone = calibrate(model, seen.of_sets(slice(i, i + 1)), table=table)
+        np.testing.assert_allclose(found.curves[i], alone.curves[0], atol=1e-9)
 
 
 def test_components_and_kernel_are_led_to_white():

@@ -51,7 +51,7 @@ _UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _WHITE, _BELOW_WHITE = 0.06, (50, 54)
 _RANK = 24  # of the basis; what is finer is `Noise.fine`
 _POWER = 0.001  # relative standard deviation of the power that exposures tell
-_SCATTERED = 2.5  # level of noise, or of errors, from which on references are thought to tell it as well
+_SCATTERED = 3.0  # level of noise, or of errors, from which on references are thought to tell it as well
 _MOST_STRETCH = 0.1
 _APART, _APART_WITH_RAW = 0.08, 0.02  # colour at which a patch counts half, where RAW tells the others well less
 _STEP = 4  # rows
@@ -154,12 +154,10 @@ class _Eliminated(NamedTuple):
 class Readings:
     """Observations in a basis, with references and exposures eliminated."""
 
-    def __init__(
-        self, observations: Observations, noise: Noise, family: Family, tied: NDArray[np.bool_] | None = None
-    ) -> None:
+    def __init__(self, observations: Observations, noise: Noise, family: Family, tied: bool = False) -> None:
         b = observations.brightness
         self.observations, self.noise, self.maps = observations, noise, family.maps
-        self.reference_power = self._reference_power(tied)
+        self.reference_power = self._reference_power() if tied else np.zeros_like(b[:, 0])
         self.independent = b.shape[1] ** (noise.repeats - 1.0)
         # The channels of a coloured patch bend apart, and in each photograph otherwise.
         apart = observations.colour / (_APART_WITH_RAW if observations.absolute else _APART)
@@ -222,17 +220,14 @@ class Readings:
         power = np.maximum((trend**2).sum(axis=1) * np.log(2) ** 2, 1e-12) * _POWER**2
         return np.asarray(prior + along[:, :, None] * along[:, None] / power[:, None, None])
 
-    def _reference_power(self, tied: NDArray[np.bool_] | None) -> Array:
-        """Return the precision of the references' power of some sets (n,) as the root of an outer product, (n, p).
+    def _reference_power(self) -> Array:
+        """Return the precision of the references' power before any data, as the root of an outer product, (n, p).
 
         Errors that grow with the reference are a power of the curve too, see `exposure_prior`.
         """
-        o = self.observations
-        seen = o.counts.any(axis=1)
-        if tied is None or o.reference is None:
-            return np.zeros(seen.shape)
-        logs = np.ma.array(np.log(o.reference), mask=~seen)
-        trend = (logs - logs.mean(axis=1, keepdims=True)).filled(0.0) * tied[:, None]
+        known = np.asarray(self.observations.reference)
+        logs = np.ma.array(np.log(known), mask=~self.observations.counts.any(axis=1))
+        trend = (logs - logs.mean(axis=1, keepdims=True)).filled(0.0)
         return np.asarray(trend / np.maximum((trend**2).sum(axis=1, keepdims=True), 1e-12) / _POWER)
 
     def eliminate(self, ratio: float) -> _Eliminated:
@@ -349,6 +344,18 @@ class Mixture:
         scale = _LEVELS[self.which[1]] * np.maximum(ratio, 1.0)
         return np.asarray(np.exp((self.weight * np.log(scale)).sum(axis=1)))
 
+    def replaced(self, rows: Indices, other: "Mixture") -> "Mixture":
+        """Return the mixture with what another says of some cameras, in its order."""
+
+        def put(whole: NDArray[Any], part: NDArray[Any]) -> NDArray[Any]:
+            whole = whole.copy()
+            whole[rows] = part
+            return whole
+
+        names = ("best", "z", "deviation", "vectors", "weight", "log_evidence")
+        arrays: dict[str, Any] = {name: put(getattr(self, name), getattr(other, name)) for name in names}
+        return replace(self, which=tuple(map(put, self.which, other.which)), **arrays)
+
     def middle(self) -> Array:
         """Return the median of log irradiance at the knots, (n, 64), of the most probable curves of some terms."""
         chosen = self._even(_TERMS // 4)
@@ -440,9 +447,13 @@ def marginalised(
             z, own = _with_near_rows(model, nearest[cameras], table, family, seed)
         own = own if difference is None else own.with_channels(difference)
         mixture = solve(some, noise, own, z)
-        tied = mixture.noise_level > _SCATTERED
-        if some.reference is not None and not some.absolute and tied.any():
-            mixture = solve(some, noise, own, z, np.repeat(tied, channels))
+        wide = np.flatnonzero(mixture.noise_level > _SCATTERED)
+        if some.reference is not None and not some.absolute and wide.size:
+            sets = (channels * wide[:, None] + np.arange(channels)).ravel()
+            parts = (each[wide] if len(each) > 1 else each for each in (own.components, own.log_weight, z))
+            components, log_weight, z = parts
+            own = own._replace(components=components, log_weight=log_weight)
+            mixture = mixture.replaced(wide, solve(some.of_sets(sets), noise, own, z, tied=True))
         each = [np.repeat(a, channels, axis=0) for a in (mixture.best, mixture.noise_level)]
         if not with_samples:
             return [*each, from_knots(mixture.middle())]
@@ -485,11 +496,11 @@ def solve(
     noise: Noise,
     family: Family,
     unconstrained: Array,
-    tied: NDArray[np.bool_] | None = None,
+    tied: bool = False,
 ) -> Mixture:
     """Return the posterior of every set of observations; components have those parameters (1 or m, c, k).
 
-    Of the sets that are `tied` (n,), references tell the power as surely as exposures do. Where many readings scatter
+    Where they are `tied`, references tell the power of the curve as surely as exposures do. Where many readings scatter
     widely, a flat curve would else make their scatter small, and errors that grow with the references account for it.
     """
     readings = Readings(observations, noise, family, tied)

@@ -124,7 +124,7 @@ class Observations:
             *(o.brightness, o.reference, o.exposures, o.clipped), weights, o.reference_error, o.absolute, o.colour
         )
 
-    def of_sets(self, sets: slice) -> Self:
+    def of_sets(self, sets: slice | NDArray[np.intp]) -> Self:
         """Keep some of the `n` sets."""
         return self._picked(sets, slice(None))
 
@@ -136,7 +136,7 @@ class Observations:
             raise InputError(f"patches={patches!r} are out of range; use one or more whole numbers from 0 to {p - 1}")
         return self._picked(slice(None), chosen)
 
-    def _picked(self, sets: slice, patches: slice | NDArray[np.intp]) -> Self:
+    def _picked(self, sets: slice | NDArray[np.intp], patches: slice | NDArray[np.intp]) -> Self:
         names = ("brightness", "reference", "clipped", "weights", "reference_error", "colour")
         parts: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         kept = {name: part[sets][..., patches] for name, part in parts.items()}
