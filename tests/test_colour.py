@@ -240,7 +240,7 @@ def test_a_chart_with_raw_tells_the_matrix(result):
 def test_a_matrix_that_is_not_told_is_a_warning(result):
     untold = dataclasses.replace(result.colour, told=np.array([False]))
     said = _warnings(result.calibration, untold)
-    assert said == ["the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"]
+    assert said == ["the colours do not tell how the camera mixes its channels: the colour matrix is diagonal"]
 
 
 def test_what_holds_for_all_channels_is_said_once(result):

@@ -289,7 +289,7 @@ def _warnings(calibration: Calibration, colour: ColourCalibration | None) -> lis
     common = [text for text in calibration.warnings[0] if all(text in texts for texts in calibration.warnings)]
     pairs = zip(CHANNELS[len(calibration)], calibration.warnings, strict=True)
     single = [f"{name}: {text}" for name, texts in pairs for text in texts if text not in common]
-    mixed = "the patches do not tell how the camera mixes its channels: the colour matrix is diagonal"
+    mixed = "the colours do not tell how the camera mixes its channels: the colour matrix is diagonal"
     diagonal = [mixed] if colour is not None and not colour.told[0] else []
     return [*common, *single, *diagonal]
 

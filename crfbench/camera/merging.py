@@ -82,26 +82,16 @@ def merge_series(
             # Not as parts of one array, which would stay as long as one of them.
             total, weighted = (np.zeros(image.shape, dtype=np.float32) for _ in range(2))
             tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1)
-            # A level below its own noise may be stray light, which a short exposure makes large; one near white may be
-            # what spills over from a saturated neighbour, in a long exposure, and counts where nothing else does.
-            sure = tables[1] ** 2 >= tables[0]
-            dim = np.where(np.arange(len(sure)) < _NEAR_WHITE * len(sure), 1.0, _FAINT).astype(np.float32)[
-                :, None, None
-            ]
-        part = np.float32(exposure / light.max())
-        clear = (sure if exposure < light.max() else 1.0) * (dim if exposure > light.min() else 1.0)
-        known = [tables[0] * part**2 * clear, tables[1] * part * clear, tables[2] / part]
-        step = max(1, _PART // image.shape[1])
-        for rows in (slice(first, first + step) for first in range(0, len(image), step)):
-            _add(image[rows], known, total[rows], weighted[rows])
-    np.divide(weighted, total, out=weighted, where=total > 0)
-    total *= weighted
-    total *= weighted  # of the logarithm
-    weighted /= np.float32(light.max())
-    least = total[..., 0]
-    for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
-        np.minimum(least, other, out=least)
-    return Merged(weighted if weighted.shape[2] == 3 else weighted[..., 0], least.copy())
+            step = max(1, _PART // image.shape[1])
+            parts = [slice(first, first + step) for first in range(0, len(image), step)]
+            scratch = np.empty((2, *total[:step].shape), dtype=np.float32)  # new ones would cost more than the rest
+        known = _at_exposure(tables, exposure, light)
+        for rows in parts:
+            _add(image[rows], known, total[rows], weighted[rows], scratch)
+    least = np.empty(total.shape[:2], dtype=np.float32)
+    for rows in parts:
+        _finish(total[rows], weighted[rows], np.float32(light.max()), least[rows])
+    return Merged(weighted if weighted.shape[2] == 3 else weighted[..., 0], least)
 
 
 def _curves(response: Calibration | Passport | ArrayLike, channels: int) -> tuple[Array, Array]:
@@ -137,7 +127,20 @@ def _tables(curves: Array, deviation: Array, levels: int) -> list[NDArray[np.flo
     variance = (evaluate(deviation, brightness) * g) ** 2 + (_NOISE * slope) ** 2 + _READ**2
     measured = (brightness > 0.0) & (brightness < SATURATED)
     weight, bound = np.where(measured, 1.0 / variance, 0.0), np.where(measured, 0.0, g)
-    return [table.T[:, None].astype(np.float32) for table in (weight, weight * g, bound)]
+    # In the order of memory that OpenCV looks up fast.
+    return [np.ascontiguousarray(table.T[:, None], dtype=np.float32) for table in (weight, weight * g, bound)]
+
+
+def _at_exposure(tables: list[NDArray[np.float32]], exposure: float, light: Array) -> list[NDArray[np.float32]]:
+    """Return the tables of one of several exposures, in units of the longest one."""
+    weight, times, bound = tables
+    clear = np.ones_like(weight)
+    if exposure < light.max():  # a level below its own noise may be stray light, which a short exposure makes large
+        clear[times**2 < weight] = 0.0
+    if exposure > light.min():  # one near white may be what spills over from a saturated neighbour
+        clear[int(_NEAR_WHITE * len(clear)) :] *= _FAINT
+    part = np.float32(exposure / light.max())
+    return [weight * part**2 * clear, times * part * clear, bound / part]
 
 
 def _add(
@@ -145,9 +148,10 @@ def _add(
     tables: Sequence[NDArray[np.float32]],
     total: NDArray[np.float32],
     weighted: NDArray[np.float32],
+    scratch: NDArray[np.float32],
 ) -> None:
     """Add what some rows of a photograph say; where nothing is measured yet, `weighted` holds the nearest end."""
-    weight, times = (_look_up(image, table) for table in tables[:2])
+    weight, times = (_look_up(image, table, out[: len(image)]) for table, out in zip(tables[:2], scratch, strict=True))
     if (open_ended := total == 0).any():
         np.maximum(weighted, _look_up(image, tables[2]), out=weighted, where=open_ended)
         weighted[open_ended & (weight > 0)] = 0
@@ -155,10 +159,23 @@ def _add(
     weighted += times
 
 
-def _look_up(image: Image, table: NDArray[np.float32]) -> NDArray[np.float32]:
+def _finish(
+    total: NDArray[np.float32], weighted: NDArray[np.float32], longest: np.float32, least: NDArray[np.float32]
+) -> None:
+    """Turn the sums of some rows into radiance, and into the least weight of its logarithm."""
+    np.divide(weighted, total, out=weighted, where=total > 0)
+    total *= weighted
+    total *= weighted
+    weighted /= longest
+    least[:] = total[..., 0]
+    for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
+        np.minimum(least, other, out=least)
+
+
+def _look_up(image: Image, table: NDArray[np.float32], out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
     import cv2
 
-    return np.asarray(cv2.LUT(np.ascontiguousarray(image), table), dtype=np.float32).reshape(image.shape)
+    return np.asarray(cv2.LUT(np.ascontiguousarray(image), table, out), dtype=np.float32).reshape(image.shape)
 
 
 def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) -> None:
