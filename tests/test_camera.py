@@ -107,7 +107,7 @@ def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        ("magic", "name='magic' is not a valid name of a model"),
+        ("magic", "model='magic' is not a valid name of a model"),
         ("SLR-ldl-7", "no model 'SLR-ldl-7' is bundled; use one of SLR-"),
         ("SLR-ldl-3-forward", "has direction 'forward'; use one of direction 'inverse'"),
     ],

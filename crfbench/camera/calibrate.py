@@ -156,7 +156,10 @@ def calibrate(
 
 
 def _inverse_model(name: str) -> ModelKey:
-    key = ModelKey.parse(name)
+    try:
+        key = ModelKey.parse(name)
+    except InputError as error:
+        raise InputError(str(error).replace("name=", "model=", 1)) from None
     if key.direction != "inverse":
         raise InputError(f"model={name!r} has direction 'forward'; use one of direction 'inverse', such as 'SLR-ldl-3'")
     key.load()  # what is no model is told before photographs are read
