@@ -268,7 +268,8 @@ def calibrate(
         typer.echo(path)
     low, high = result.passport.valid_range
     count = len(result.photographs)
-    measured = f"measured from brightness {low:.2f} to {high:.2f}, {count} photograph{'s'[: count - 1]}"
+    photographs = f"{count} photographs" if count > 1 else "one photograph"
+    measured = f"measured from brightness {low:.2f} to {high:.2f}, {photographs}"
     typer.echo(f"{result.passport!r}: {measured}")
     if result.passport.matrix is not None:
         typer.echo(f"colour matrix, RAW to light: {camera.matrix_text(result.passport.matrix)}")

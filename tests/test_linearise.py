@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from crfbench import Observations, calibrate, load_model
 from crfbench.camera import Passport, linearise
-from crfbench.curves import GRID, invert
+from crfbench.curves import GRID, invert, repair
 from crfbench.errors import InputError
 
 RGB = np.array([GRID**2.0, GRID**2.2, np.expm1(3 * GRID) / np.expm1(3)])
@@ -47,6 +48,13 @@ def test_an_image_of_a_camera_gives_the_light_back():
     seen = np.rint(image * 65535).astype(np.uint16)
     for passport in (Passport("inverse", RGB), Passport("forward", invert(RGB))):
         np.testing.assert_allclose(linearise(seen, passport), light, atol=1e-4)
+
+
+def test_a_calibration_linearises_as_its_curves_made_monotone():
+    image = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    seen = Observations([[0.2, 0.4, 0.6, 0.8]], np.array([0.2, 0.4, 0.6, 0.8]) ** 2.2)
+    found = calibrate(load_model("Gamma-1"), seen)
+    np.testing.assert_array_equal(linearise(image, found), linearise(image, repair(found.curves)))
 
 
 def test_views_and_extremes():

@@ -711,5 +711,8 @@ def test_a_passport_keeps_its_white_level_and_older_ones_have_none(tmp_path):
     del content["white_level"]
     path.write_text(json.dumps(content))
     assert camera.read_response(path).white_level is None
+    del content["warnings"]
+    path.write_text(json.dumps({**content, "note": "repaired"}))
+    assert camera.read_response(path).warnings == ("repaired",), "as a warning was called before"
     with pytest.raises(InputError, match="white_level=0 is out of range"):
         camera.Passport("inverse", GRID, white_level=0)

@@ -221,9 +221,10 @@ class Readings:
         return np.asarray(prior + along[:, :, None] * along[:, None] / power[:, None, None])
 
     def _reference_power(self) -> Array:
-        """Return the precision of the references' power before any data, as the root of an outer product, (n, p).
+        """Return t (n, p), with which the precision of the references' errors e is diag(1 / e^2) + t t^T.
 
-        Errors that grow with the reference are a power of the curve too, see `exposure_prior`.
+        Errors that grow with log r, of the references r, are a power of the curve too, see `exposure_prior`. With x =
+        log r - mean(log r) and t = x / (x^T x `_POWER`) that power is known to `_POWER`.
         """
         known = np.asarray(self.observations.reference)
         logs = np.ma.array(np.log(known), mask=~self.observations.counts.any(axis=1))
@@ -242,13 +243,13 @@ class Readings:
         along = self.reference_power
         tied = 1.0 + (share * along**2).sum(axis=1)
         tie = share * along / np.sqrt(tied)[:, None]
-        crossed, back = w * share[:, None], (w @ tie[..., None], tie[:, None] @ by_patch)
+        crossed, w_tied, h_tied = w * share[:, None], w @ tie[..., None], tie[:, None] @ by_patch
         own = np.eye(e) * w.sum(axis=2)[:, None] - crossed @ np.swapaxes(w, 1, 2) + prior
-        own += back[0] @ np.swapaxes(back[0], 1, 2)
-        h = self.by_photograph - crossed @ by_patch + back[0] @ back[1]
+        own += w_tied @ np.swapaxes(w_tied, 1, 2)
+        h = self.by_photograph - crossed @ by_patch + w_tied @ h_tied
         exposures = np.linalg.solve(own, h)
         scaled = np.sqrt(share)[..., None] * by_patch
-        gram = self.gram - np.swapaxes(scaled, 1, 2) @ scaled + np.swapaxes(back[1], 1, 2) @ back[1]
+        gram = self.gram - np.swapaxes(scaled, 1, 2) @ scaled + np.swapaxes(h_tied, 1, 2) @ h_tied
         gram -= np.swapaxes(h, 1, 2) @ exposures
         log_det = np.log(errors / share).sum(axis=1) + np.linalg.slogdet(own)[1] - np.linalg.slogdet(prior)[1]
         log_det += np.log(tied / (1.0 + (errors * along**2).sum(axis=1)))

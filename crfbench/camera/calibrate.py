@@ -20,6 +20,7 @@ from crfbench.camera.passport import CHANNELS, Passport
 from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
 from crfbench.camera.series import (
+    EXACT,
     Reduced,
     calibrate_series,
     find_shifts,
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
 _LEVEL = 0.9
 _ESTIMATE = "estimate"
-_NOMINAL, _EXACT = 0.05, 0.02  # of exposures in stops: times as a camera names them, and as given
+_NOMINAL = 0.05  # stops that times err by as a camera names them
 
 
 @dataclass(frozen=True, repr=False)
@@ -148,7 +149,7 @@ def calibrate(
         if vignette:
             raise InputError("RAW files tell no vignetting; use an exposure series, of JPEGs alone or with exposures")
         return _from_pairs(plan, key, channels == "rgb", created, say)
-    error = None if estimated else _NOMINAL if exposures is None else _EXACT
+    error = None if estimated else _NOMINAL if exposures is None else EXACT
     result = _from_series(plan, error, key, channels == "rgb", align == "auto" and not vignette, vignette, created)
     for text in result.notes[len(plan.notes) :]:
         say(text)
@@ -235,7 +236,7 @@ def _from_series(
             WORKER.run(reduce_photograph, pair.jpeg, used.white_level, tuple(shift)) if shift.any() else image
             for pair, shift, image in zip(used.pairs, shifts, images, strict=True)
         ]
-    stops, error = None if error is None else used.stops, error or _EXACT
+    stops, error = None if error is None else used.stops, error or EXACT
     try:
         calibration, note = _by_channel(images, stops, model, rgb, error)
     except InputError as problem:

@@ -62,7 +62,7 @@ def _read_json(data: bytes) -> Passport:
     try:
         content = json.loads(data, parse_constant=_refuse, object_pairs_hook=unique_names)
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"it is not JSON ({str(error)[:80]})") from None
+        raise FormatError(f"it is not JSON as a passport holds ({str(error)[:80]})") from None
     if not isinstance(content, dict) or content.get("format") != _KIND:
         raise FormatError(f"it does not say that its format is {_KIND!r}; use a passport that crfbench wrote")
     if content.get("schema") != _VERSION:

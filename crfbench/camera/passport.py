@@ -18,7 +18,7 @@ from crfbench.errors import InputError
 CHANNELS = {1: ("intensity",), 3: ("red", "green", "blue")}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_NO_BRIGHTNESS = 2.0  # of floats; what is less may be full scale and an overshoot
+_MOST_BRIGHTNESS = 2.0  # of floats; what is less may be full scale and an overshoot
 _MOST_FALL = 30.0  # of the coefficients of log V together; more is no lens
 _TEXTS = ("camera", "model", "data_sha256", "version", "created")
 
@@ -299,7 +299,7 @@ def _interpolate(pixels: NDArray[Any], curves: Array) -> Array:
         raise InputError(f"the pixels are {pixels.dtype}; use uint8, uint16 or floats")
     if not np.isfinite(pixels).all():
         raise InputError("the image holds NaN or infinite values; use finite floats from 0 to 1")
-    if pixels.max() >= _NO_BRIGHTNESS:
+    if pixels.max() >= _MOST_BRIGHTNESS:
         raise InputError(f"the image reaches {pixels.max():.4g}; use floats from 0 to 1, or uint8 or uint16")
     if len(curves) == 1:
         return evaluate(curves[0], pixels.ravel()).reshape(pixels.shape)

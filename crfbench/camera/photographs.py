@@ -375,11 +375,11 @@ def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
     for path in paths:
         with suppress(FormatError):  # what is damaged is named where its pixels are needed
             tops.append(WORKER.run(top_level, path))
-    level, share = max(tops)
+    (level, share), several = max(tops), len(tops) > 2  # beside the one that stands for none
     for full in (1023, 4095, 16383):
         if level == full or (0.9 * full < level < full and share >= 1e-3):
             return level, [f"values of 16 bits end at {level}, which is taken as white; --white-level sets another"]
-        if 255 < level < full and len(tops) > 2:
+        if several and 255 < level < full:
             return full, [f"values of 16 bits end at {level}: white is taken as {full}; --white-level sets another"]
     unsure = f"values of 16 bits end at {level}; if white is lower than 65535, give --white-level"
     return None, [unsure] if 0 < level < 16383 else []

@@ -42,7 +42,8 @@ _FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200,
 # many times what is usual; above the darkest, which may be a floor; the share of the blocks that is not worth a round,
 # and that which stays: where fewer would, it is not the scene that moves.
 _ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW, _LEFT = 5, 0.35, 0.3, 6.0, 0.03, 0.01, 0.25
-_FREE, _EXACT, _LEAST = 50.0, 0.02, 1e-6  # stops that exposures may err by if nobody told them, or did; irradiance
+EXACT = 0.02  # stops that exposures err by which somebody gave
+_FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
 _CONTRADICTS = 0.5  # stops, between two photographs
 # Of aligning: the longer side of the pictures that are compared, in pixels; and the peak of phase correlation, which
 # is 1 for the same picture and near 0 for another, from which on it counts.
@@ -157,7 +158,7 @@ def calibrate_series(
     n: int = 256,
     seed: int = 0,
     per_channel: bool = True,
-    exposure_error: float = _EXACT,
+    exposure_error: float = EXACT,
 ) -> Calibration:
     """Find the inverse response of the camera that took a series.
 
@@ -194,6 +195,7 @@ def _from_exposures(
     per_channel: bool,
     exposure_error: float,
 ) -> Calibration:
+    """Calibrate a series of exposures that are given, as `calibrate_series` does."""
     observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
     noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
     channels = len(observations) == 3
@@ -246,7 +248,7 @@ def _estimated(
     both = (model.decode(model.sample(256, seed)), free.curves)
     usual, ours = (np.log(np.maximum(curves[:, middle], _LEAST)).mean(axis=1) for curves in both)
     stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
-    found = _from_exposures(images, stops, model, method, n, seed, per_channel, _EXACT)
+    found = _from_exposures(images, stops, model, method, n, seed, per_channel, EXACT)
     power = usual.std() / abs(usual.mean())
     logs, bands = np.log(np.maximum(found.curves, _LEAST)), {}
     for level, band in found.bands.items():  # an uncertain power widens them in log irradiance

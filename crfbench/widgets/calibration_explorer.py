@@ -220,6 +220,8 @@ def _show(result: Calibration, table: Table) -> dict[str, Any]:
 
 def _density(result: Calibration, table: Table) -> dict[str, Any]:
     """Return densities over the one unconstrained parameter: the prior; posterior and likelihood where there are."""
+    from scipy.stats import norm
+
     z, model = table.unconstrained[:, 0], result.model
     rows = [np.exp(table.log_prior) / (z[1] - z[0])]
     if result.samples is not None:
@@ -229,8 +231,7 @@ def _density(result: Calibration, table: Table) -> dict[str, Any]:
             rows += [weights / (z[1] - z[0]), likelihood / likelihood.sum() / (z[1] - z[0])]
         else:  # or draws, equally likely
             width = max(float(np.std(drawn)) * len(drawn) ** -0.2, z[1] - z[0])  # Scott's rule
-            heights = np.exp(-0.5 * ((z[:, None] - drawn) / width) ** 2).mean(axis=1)
-            rows.append(heights / (np.sqrt(2.0 * np.pi) * width))
+            rows.append(norm.pdf(z[:, None], drawn, width).mean(axis=1))
     densities = np.stack(rows)
     # Where each is less than a thousandth of its peak, nothing would be seen of it.
     seen = np.flatnonzero((densities > 1e-3 * densities.max(axis=1, keepdims=True)).any(axis=0))
