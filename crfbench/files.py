@@ -4,7 +4,7 @@ import os
 import secrets
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -33,8 +33,8 @@ def reading_npz(
         raise FormatError(f"{path.name} {wrong} ({error}); {use}") from None
 
 
-def write_atomically(path: str | Path, content: bytes, overwrite: bool = True) -> None:
-    """Write `content` to a temporary file beside `path`, then rename it into place.
+def write_atomically(path: str | Path, content: bytes | Callable[[Path], object], overwrite: bool = True) -> None:
+    """Write a temporary file beside `path`, with that content or by that function, then rename it into place.
 
     What a symbolic link points to is replaced, not the link. An `OSError` names `path`, where it cannot be written.
     Without `overwrite`, of two processes that write it at the same time the first one counts.
@@ -45,15 +45,17 @@ def write_atomically(path: str | Path, content: bytes, overwrite: bool = True) -
     # Short, as the name of the file itself may be as long as a name can be.
     temporary = real.with_name(f".crfbench-{secrets.token_hex(8)}")
     try:
-        with temporary.open("xb") as file:  # with the permissions that the umask leaves
-            file.write(content)
+        if callable(content):
+            content(temporary)
+        else:
+            temporary.write_bytes(content)  # with the permissions that the umask leaves
         if not overwrite:
             with suppress(OSError):  # a camera's card has no links
                 return os.link(temporary, real)
             check_new(path, overwrite)
         temporary.replace(real)
     except OSError as error:  # names the file that was asked for, not the temporary one
-        raise type(error)(error.errno, error.strerror, str(path)) from None
+        raise type(error)(error.errno, error.strerror or str(error), str(path)) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -65,7 +67,7 @@ def check_new(path: str | Path, overwrite: bool) -> Path:
     return Path(path)
 
 
-def write_new(path: str | Path, content: bytes, overwrite: bool) -> None:
+def write_new(path: str | Path, content: bytes | Callable[[Path], object], overwrite: bool) -> None:
     """Write a file, complete or not at all, and replace an older one only where `overwrite` says so."""
     write_atomically(check_new(path, overwrite), content, overwrite)
 

@@ -126,7 +126,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_trace(tmp_path):
 @pytest.mark.usefixtures("full")
 @pytest.mark.parametrize("name", ["a.exr", "a.tif", "a.hdr"])
 def test_a_full_disk_takes_no_merged_image(tmp_path, name):
-    with pytest.raises(OSError, match=rf"{name}|make room on the disk of"):
+    with pytest.raises(OSError, match=name):
         write_hdr(tmp_path / name, np.random.default_rng(0).random((60, 60, 3)))
     assert list(tmp_path.iterdir()) == []
 
