@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import struct
 import subprocess
 import sys
@@ -410,6 +411,16 @@ def test_an_edited_copy_is_not_another_photograph(tmp_path):
     assert problems[0].reason == "IMG_1-edited.jpg is an edited copy of IMG_1.JPG by its name"
 
 
+def test_a_copy_is_not_another_photograph(tmp_path):
+    for name, time in (("IMG_1", 0.1), ("IMG_2", 0.2)):
+        save_jpeg(tmp_path / f"{name}.jpg", {TIME: time})
+    shutil.copy(tmp_path / "IMG_1.jpg", tmp_path / "IMG_1 (copy).jpg")
+    plan = plan_photographs(tmp_path)
+    assert [pair.name for pair in plan.pairs] == ["IMG_1 (copy)", "IMG_2"]
+    assert [problem.reason for problem in plan.problems] == ["IMG_1.jpg is a copy of IMG_1 (copy).jpg"]
+    assert len(plan_photographs(tmp_path, [1, 2, 4]).pairs) == 3, "told to be three exposures"
+
+
 def times_of(folder, exposures):
     return plan_photographs(folder, exposures, paired=False).times.tolist()
 
@@ -421,7 +432,9 @@ def three(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("exposures", ["1/60, 1/30,0.5s", ["1/60", "1/30", 0.5], [1 / 60, 1 / 30, 0.5]])
+@pytest.mark.parametrize(
+    "exposures", ["1/60, 1/30,0.5s", "1/60s,1/30 s,500ms", ["1/60", "1/30", 0.5], [1 / 60, 1 / 30, 0.5]]
+)
 def test_times_are_fractions_too(three, exposures):
     np.testing.assert_allclose(times_of(three, exposures), [1 / 60, 1 / 30, 0.5])
     table = plan_photographs(three, exposures).table().splitlines()

@@ -3,12 +3,10 @@
 import re
 import struct
 import tracemalloc
-import zlib
 
 import cv2
 import numpy as np
 import pytest
-import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -464,7 +462,7 @@ def test_what_cannot_be_merged(response, message):
 
 
 def read_exr(content):
-    """Read an RGB float EXR of scan lines with ZIP compression, after the file layout of the OpenEXR documentation."""
+    """Read an RGB float EXR of scan lines without compression, after the file layout of the OpenEXR documentation."""
     assert content[:4] == b"\x76\x2f\x31\x01"
     at, attributes = 8, {}
     while content[at]:
@@ -474,27 +472,12 @@ def read_exr(content):
         attributes[name] = content[at : at + size]
         at += size
     left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
-    assert attributes[b"compression"] == b"\3"
+    assert attributes[b"compression"] == b"\0"
     assert attributes[b"channels"].startswith(b"B\0")  # then G, R: sorted by name
     width, height = right - left + 1, bottom - top + 1
-    offsets = struct.unpack_from(f"<{-(-height // 16)}Q", content, at + 1)
-    lines = []
-    for offset in offsets:
-        (size,) = struct.unpack_from("<i", content, offset + 4)
-        lines.append(unpacked(content[offset + 8 : offset + 8 + size], width, min(16, height - 16 * len(lines))))
-    return np.concatenate(lines)[..., ::-1]
-
-
-def unpacked(part, width, rows):
-    """Undo deflate, the differences and the split in even and odd bytes of one block of lines."""
-    size = 12 * width * rows
-    if len(part) < size:
-        steps = np.frombuffer(zlib.decompress(part), np.uint8).astype(np.int64)
-        steps[1:] -= 128
-        whole = (np.cumsum(steps) % 256).astype(np.uint8)
-        part = np.empty(size, np.uint8)
-        part[::2], part[1::2] = whole[: -(-size // 2)], whole[-(-size // 2) :]
-    return np.frombuffer(bytes(part), "<f4").reshape(rows, 3, width).transpose(0, 2, 1)
+    offsets = struct.unpack_from(f"<{height}Q", content, at + 1)
+    lines = [np.frombuffer(content, "<f4", 3 * width, offset + 8).reshape(3, width).T for offset in offsets]
+    return np.stack(lines)[..., ::-1]
 
 
 RADIANCE = np.float32(10.0) ** np.random.default_rng(0).uniform(-4, 4, (37, 21, 3)).astype(np.float32)
@@ -505,8 +488,8 @@ def test_files_read_back_exactly_elsewhere(tmp_path, image):
     for name in ("a.exr", "a.tif", "b.TIFF"):
         write_hdr(tmp_path / name, image)
     np.testing.assert_array_equal(read_exr((tmp_path / "a.exr").read_bytes()), image)
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), image)
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "b.TIFF"), image)
+    for name in ("a.tif", "b.TIFF"):
+        np.testing.assert_array_equal(cv2.imread(tmp_path / name, cv2.IMREAD_UNCHANGED)[..., ::-1], image)
 
 
 def test_radiance_files_keep_eight_bits(tmp_path):

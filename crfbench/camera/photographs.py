@@ -3,6 +3,7 @@
 Everything but `read_planned` looks at names and headers alone.
 """
 
+import filecmp
 import os
 import re
 import unicodedata
@@ -234,7 +235,7 @@ def plan_photographs(
     # With so few, what lies in folders beside the photographs may be what was meant.
     inner = [file for path in map(Path, given) if path.is_dir() and len(pairs) < 2 for file in sorted(path.iterdir())]
     passed = [path for path in inner if path not in files and path.name[0] != "."]
-    return plan.without([*_other_cameras(plan), *map(_unknown_kind, passed)])
+    return plan.without([*_other_cameras(plan), *_copies(plan), *map(_unknown_kind, passed)])
 
 
 def exposure_steps(exifs: Sequence[Exif]) -> Array:
@@ -271,6 +272,18 @@ def _other_cameras(plan: Plan) -> list[Problem]:
     rest = f"and {models[most]} are by {most}; calibrate one camera"
     both = zip((pair.jpeg for pair in plan.pairs), plan.exifs, strict=True)
     return [Problem(p, f"{p.name} is by {exif.model}, {rest}") for p, exif in both if exif.model not in (None, most)]
+
+
+def _copies(plan: Plan) -> list[Problem]:
+    """Name the photographs that are copies of earlier ones, byte for byte, and would count twice."""
+    problems: list[Problem] = []
+    alike: dict[tuple[int, str], list[Path]] = defaultdict(list)
+    for path, stop in zip((pair.jpeg for pair in plan.pairs), plan.stops, strict=True):
+        others = alike[path.stat().st_size, str(stop)]  # where other exposures are given, who knows
+        copied = [other.name for other in others if filecmp.cmp(other, path, shallow=False)]
+        problems += [Problem(path, f"{path.name} is a copy of {name}") for name in copied]
+        others += [] if copied else [path]
+    return problems
 
 
 def _unknown_kind(path: Path) -> Problem:
@@ -350,7 +363,10 @@ def as_times(exposures: Any, names: list[str]) -> Array:
 
 
 def _seconds(text: Any) -> float:
-    over, _, under = str(text).strip().removesuffix("s").partition("/")
+    said = str(text).strip()
+    if "/" not in said and (named := _named_time(said)):  # 4ms
+        return named
+    over, _, under = said.removesuffix("s").partition("/")
     with suppress(ValueError, ZeroDivisionError):
         time = float(over) / float(under or 1)
         if 1e-30 < time < 1e30:
