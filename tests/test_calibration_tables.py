@@ -92,6 +92,8 @@ def test_no_model_gets_below_the_floors(greys):
     assert len(floors) >= 2
     assert floors["mean"].min() == floors["mean"].iloc[0]  # any monotone curve, before any particular one
     assert (greys[greys["method"] == "map"]["mean"] > floors["mean"].max()).all()
+    (nothing,) = greys[greys["method"] == "none"]["mean"]
+    assert 0.048 < nothing < 0.055  # an independent program has 0.050
 
 
 def test_random_triples_and_channels_have_rows_of_their_own():
