@@ -54,6 +54,15 @@ def test_a_row_is_what_a_plain_loop_gives(greys, chart):
     np.testing.assert_allclose(row["sd"], np.std(means), rtol=1e-2)
 
 
+def test_white_of_raw_differs_by_a_fifth_over_cameras_as_the_readme_says(chart):
+    observations, _, _ = calibration.chart_observations(chart)
+    curves = calibrate(load_model("Kernel-8"), observations, "map").curves
+    decoded = np.array([np.interp(rgb, GRID, curve) for rgb, curve in zip(chart.sets()[0], curves, strict=True)])
+    light, raw = (x.mean(axis=-1).reshape(28, -1) for x in (decoded, chart.raw))
+    gain = (light * raw).sum(axis=1) / (light**2).sum(axis=1)
+    assert 0.18 < np.log(gain).std() < 0.22
+
+
 def test_one_latent_by_map_stays_below_what_was_asked_of_it(greys):
     tables = [calibration.calibration_table(patches, "map", rows=(LDL,), discrepancy=False) for patches in ("3", "24")]
     assert greys["mean"].iloc[0] <= 0.047
