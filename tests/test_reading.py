@@ -25,7 +25,7 @@ from crfbench.camera.photographs import (
     list_photographs,
     pair_photographs,
     plan_photographs,
-    read_series,
+    read_planned,
 )
 from crfbench.camera.reading import Exif, read_balance, read_exif, read_levels, read_raw
 from crfbench.camera.worker import WORKER
@@ -365,7 +365,7 @@ def test_a_folder_is_in_natural_order_and_files_as_given(tmp_path):
         assert names_of(source) == ["img9", "IMG1", "img10"]
     assert names_of(str(given[0])) == names_of(given[0]) == ["img9"]
     assert sorted(names_of(tmp_path.glob("*9.png"))) == ["img9"]
-    assert len(read_series(tmp_path.glob("[Ii]*.png"))[2]) == 4, "each is damaged, and named"
+    assert len(plan_photographs(tmp_path.glob("[Ii]*.png")).problems) == 4, "each is damaged, and named"
 
 
 def test_raw_files_of_every_maker_are_photographs(tmp_path):
@@ -509,9 +509,9 @@ def test_what_was_left_out_is_named_where_the_rest_does_not_do(tmp_path):
 
 def test_a_list_that_lacks_a_photograph(three):
     (three / "t.txt").write_text("c.jpg 1\nd.jpg 2")
-    _, stops, problems = read_series(three, three / "t.txt")
-    assert stops.tolist() == [0, 1]
-    assert problems[0].reason.startswith("a b.jpg does not tell its exposure; give times")
+    _, plan = read_planned(plan_photographs(three, three / "t.txt"), read_levels)
+    assert plan.stops.tolist() == [0, 1]
+    assert plan.problems[0].reason.startswith("a b.jpg does not tell its exposure; give times")
     for text, message in (
         ("x 1\ny 2", r"t\.txt names none of"),
         ("c.jpg 1/1O\nd.jpg 2", "t.txt, line 'c.jpg 1/1O': '1/1O' is not an exposure time"),
@@ -519,7 +519,7 @@ def test_a_list_that_lacks_a_photograph(three):
     ):
         (three / "t.txt").write_text(text)
         with pytest.raises(InputError, match=message):
-            read_series(three, three / "t.txt")
+            plan_photographs(three, three / "t.txt")
 
 
 @pytest.mark.parametrize(
@@ -548,7 +548,7 @@ def test_times_that_are_none(three, time):
     with pytest.raises(InputError, match="is not an exposure time; use times above 0"):
         plan_photographs(three, f"1,2,{time}")
     with pytest.raises(InputError, match=r"is not an exposure time|do not match 3"):
-        read_series(three, ["1/60", 1, time])
+        plan_photographs(three, ["1/60", 1, time])
     with pytest.raises(InputError, match=r"there is|is not an exposure time"):
         plan_photographs(three, three / "nowhere.txt")
     (three / "list.txt").write_text(f"a b 1\nc {time}\nd 1")
@@ -568,10 +568,10 @@ def test_what_differs_from_most_is_named_and_left_out(three):
     Image.fromarray(SMOOTH[..., 0]).save(three / "c.jpg")
     Image.fromarray(SMOOTH).save(three / "e.jpg")
     Image.fromarray(SMOOTH[:20]).save(three / "f.jpg")
-    images, stops, problems = read_series(three, "1,2,4,8,16")
+    images, plan = read_planned(plan_photographs(three, "1,2,4,8,16"), read_levels)
     assert len(images) == 3
-    assert stops.tolist() == [0, 2, 3]
-    assert [problem.reason for problem in problems] == [
+    assert plan.stops.tolist() == [0, 2, 3]
+    assert [problem.reason for problem in plan.problems] == [
         f"{name}, and most are 64 x 48 pixels of 8 bits, colour; use one kind"
         for name in ("c.jpg is 64 x 48 pixels of 8 bits, grey", "f.jpg is 64 x 20 pixels of 8 bits, colour")
     ]
@@ -658,7 +658,7 @@ def test_given_white_levels_count_before_guesses(tmp_path):
     times = save_series(tmp_path, save_12_bits, "png")
     plan = plan_photographs(tmp_path, times, white_level=8190)
     assert plan.white_level == 8190
-    assert read_series(tmp_path, times, 8190)[0][0].max() <= 32768
+    assert read_planned(plan, read_levels)[0][0].max() <= 32768
     with pytest.raises(InputError, match="white_level=70000 is out of range"):
         camera.calibrate(tmp_path, "none", white_level=70000)
 

@@ -13,14 +13,14 @@ from PIL import Image
 
 from crfbench.camera import (
     Passport,
-    align_series,
     calibrate_series,
     merge_series,
-    read_series,
     render_series,
     write_hdr,
 )
-from crfbench.camera.series import black_floor, reduce_image, sample_series
+from crfbench.camera.photographs import as_times, plan_photographs, read_planned
+from crfbench.camera.reading import read_levels
+from crfbench.camera.series import black_floor, equalised, find_shifts, reduce_image, sample_series, shifted
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.errors import InputError
@@ -82,13 +82,18 @@ def test_a_model_recovers_its_own_curves(latent, method):
     assert scaled_rmse(found.curves[0], truth) < 0.01
 
 
+def shifts_of(images, stops):
+    return find_shifts([equalised(image) for image in images], np.array(stops), images[0].shape)
+
+
 def test_photographs_from_the_hand_are_laid_over_each_other():
     response = load_opencrf().curves[40]
     series = render_series(response, 4, size=(480, 320))
     off = np.array([[9, -4], [-7, 11], [0, 0], [3, 12], [-12, -6]])
     shaken = [np.roll(image, (y, x), (0, 1)) for image, (x, y) in zip(series.images, off, strict=True)]
-    images, shifts = align_series(shaken, series.stops)
+    shifts = shifts_of(shaken, series.stops)
     assert np.array_equal(shifts, off[2] - off)
+    images = [shifted(image, *shift) for image, shift in zip(shaken, shifts, strict=True)]
     inside = np.s_[24:-24, 24:-24]
     for image, still in zip(images, series.images, strict=True):
         assert np.array_equal(image[inside], still[inside])
@@ -100,8 +105,8 @@ def test_photographs_from_the_hand_are_laid_over_each_other():
 
 def test_still_photographs_and_those_of_other_scenes_are_not_shifted():
     one, other = (render_series(GAMMA, seed, size=SIZE) for seed in (1, 2))
-    assert not align_series(one.images, one.stops)[1].any()
-    assert not align_series([one.images[0], other.images[1]], [0, 1])[1].any()
+    assert not shifts_of(one.images, one.stops).any()
+    assert not shifts_of([one.images[0], other.images[1]], [0, 1]).any()
 
 
 @pytest.mark.parametrize("size", [(130, 90), (150, 134), (240, 160)])  # 135 x 90, odd, is quickest to transform
@@ -109,9 +114,9 @@ def test_small_errors_of_many_steps_do_not_add_up_to_a_shift(size):
     rng = np.random.default_rng(0)
     image = render_series(GAMMA, 0, size=size).images[2]
     noisy = [np.clip(image + rng.normal(0, 6, image.shape), 0, 255).astype(np.uint8) for _ in range(12)]
-    assert not align_series(noisy, np.arange(12))[1].any()
+    assert not shifts_of(noisy, np.arange(12)).any()
     moved = [np.roll(each, k // 4, 1) for k, each in enumerate(noisy)]
-    assert align_series(moved, np.arange(12))[1][:, 0].tolist() == [1] * 4 + [0] * 4 + [-1] * 4
+    assert shifts_of(moved, np.arange(12))[:, 0].tolist() == [1] * 4 + [0] * 4 + [-1] * 4
 
 
 def test_times_in_place_of_stops_are_told():
@@ -533,29 +538,29 @@ def save_photograph(path, seconds):
     Image.fromarray(FLAT).save(path, exif=exif)
 
 
-def test_read_series_by_exif_reports_what_it_leaves_out(tmp_path):
+def test_a_series_by_exif_reports_what_it_leaves_out(tmp_path):
     for name, seconds in (("1.jpg", 0.01), ("2.jpg", 0.04), ("3.jpg", None), ("5.JPEG", 0.16)):
         save_photograph(tmp_path / name, seconds)
     (tmp_path / "4.jpg").write_bytes(b"no photograph")
     names = ("1.jpg", "2.jpg", "3.jpg", "4.jpg", "5.JPEG", "6.jpg")
-    images, stops, problems = read_series([tmp_path / name for name in names])
-    np.testing.assert_allclose(stops, [0, 2, 4], atol=1e-6)
+    images, plan = read_planned(plan_photographs([tmp_path / name for name in names]), read_levels)
+    np.testing.assert_allclose(plan.stops, [0, 2, 4], atol=1e-6)
     assert len(images) == 3
     np.testing.assert_allclose(images[2].astype(float), FLAT, atol=1)
-    reasons = {problem.path.name: problem.reason for problem in problems}
+    reasons = {problem.path.name: problem.reason for problem in plan.problems}
     assert sorted(reasons) == ["3.jpg", "4.jpg", "6.jpg"]
     assert reasons["3.jpg"].startswith("3.jpg does not tell its exposure; give times (--exposures 1/60,")
 
 
-def test_read_series_keeps_every_level_of_16_bits(tmp_path):
+def test_a_series_keeps_every_level_of_16_bits(tmp_path):
     image = np.arange(65536, dtype=np.uint16).reshape(128, 512)
     image = np.stack([image, image.T.reshape(128, 512), image[::-1]], axis=2)
     for name in ("1.png", "2.tif"):
         cv2.imwrite(str(tmp_path / name), image[..., ::-1])
     (tmp_path / "0.png").touch()
     paths = [tmp_path / "0.png", tmp_path / "1.png", tmp_path / "2.tif"]
-    images, stops, _ = read_series(paths, [9.0, 0.5, 0.125])
-    assert stops.tolist() == [0.0, -2.0]
+    images, plan = read_planned(plan_photographs(paths, [9.0, 0.5, 0.125]), read_levels)
+    assert plan.stops.tolist() == [0.0, -2.0]
     for read in images:
         np.testing.assert_array_equal(read, image)
 
@@ -563,7 +568,7 @@ def test_read_series_keeps_every_level_of_16_bits(tmp_path):
 @pytest.mark.parametrize("exposures", [[1.0], [1.0, 0.0], [1.0, np.inf], ["a", "b"]])
 def test_times_that_do_not_match(exposures):
     with pytest.raises(InputError, match=r"do not match 2 photographs|is not an exposure time"):
-        read_series(["1.jpg", "2.jpg"], exposures)
+        as_times(exposures, ["1.jpg", "2.jpg"])
 
 
 def test_photographs_that_contradict_their_exposures_are_told_apart():

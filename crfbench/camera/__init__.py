@@ -12,9 +12,9 @@ from crfbench.camera.measuring import chart_table
 from crfbench.camera.merging import merge_series, write_hdr
 from crfbench.camera.outputs import linearise_file, linearised_patches, matrix_text, write_outputs
 from crfbench.camera.passport import Passport, linearise
-from crfbench.camera.photographs import pair_photographs, read_series
+from crfbench.camera.photographs import pair_photographs
 from crfbench.camera.reading import read_image
-from crfbench.camera.series import align_series, calibrate_series
+from crfbench.camera.series import calibrate_series
 from crfbench.camera.synthetic import EXAMPLE_FOLDER, render_series
 from crfbench.datasets.chart import load_labels, save_labels
 
@@ -23,7 +23,6 @@ __all__ = [
     "FORMATS",
     "CameraCalibration",
     "Passport",
-    "align_series",
     "calibrate",
     "calibrate_cameras",
     "calibrate_series",
@@ -37,7 +36,6 @@ __all__ = [
     "pair_photographs",
     "read_image",
     "read_response",
-    "read_series",
     "render_series",
     "save_labels",
     "write_hdr",

@@ -109,7 +109,7 @@ def calibrate(
         "rgb" also tells the colour matrix; of one without them there is one curve, of intensity. RAW files without a
         chart are for "rgb" only.
     align : {"auto", "none"}
-        Without a chart: whether photographs from the hand are laid over each other (`align_series`).
+        Without a chart: whether photographs from the hand are laid over each other (`find_shifts`).
     vignette : bool
         Whether an exposure series shows an evenly lit surface, which tells the vignetting of the lens too.
     white_level : int, optional

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from crfbench.camera.reading import IMAGE_SUFFIXES, IMAGES, RAW_SUFFIXES, Exif, read_exif, read_levels, top_level
+from crfbench.camera.reading import IMAGE_SUFFIXES, IMAGES, RAW_SUFFIXES, Exif, read_exif, top_level
 from crfbench.camera.worker import WORKER
 from crfbench.checks import as_numbers
 from crfbench.curves import Array
@@ -399,33 +399,6 @@ def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
             return full, [f"values of 16 bits end at {level}: white is taken as {full}; --white-level sets another"]
     unsure = f"values of 16 bits end at {level}; if white is lower than 65535, give --white-level"
     return None, [unsure] if 0 < level < 16383 else []
-
-
-def read_series(
-    paths: Source, exposures: Exposures = None, white_level: int | None = None
-) -> tuple[list[NDArray[Any]], Array, list[Problem]]:
-    """Read the photographs of an exposure series; what cannot be read, or is unlike most, is left out.
-
-    Parameters
-    ----------
-    paths : path or iterable of path
-        A folder or files, as `crfbench.camera.read_image` takes them.
-    exposures : optional
-        Times, one a path, as `plan_photographs` takes them; by default time, f-number and ISO speed by EXIF.
-    white_level : int, optional
-        As in `crfbench.camera.read_image`.
-
-    Returns
-    -------
-    images : list of ndarray, shape (h, w, 3) or (h, w)
-        8 or 16 bits.
-    stops : ndarray, shape (e,)
-        Relative to the first photograph that was read.
-    problems : list of Problem
-    """
-    plan = plan_photographs(paths, exposures, paired=False, white_level=white_level)
-    images, plan = read_planned(plan, read_levels)
-    return images, plan.stops, plan.problems
 
 
 def read_planned(plan: Plan, read: Callable[[Path, int | None], Read]) -> tuple[list[Read], Plan]:

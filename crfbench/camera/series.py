@@ -79,18 +79,6 @@ def reduce_image(image: ArrayLike, name: str = "") -> Reduced:
     return Reduced(np.shape(image), array.dtype, float(array.mean()), blocks, high.astype(np.uint8), picture, name)
 
 
-def align_series(images: Sequence[ArrayLike], exposures: ArrayLike) -> tuple[list[Image], NDArray[np.intp]]:
-    """Shift the photographs of a series from the hand by whole pixels to where they show the same.
-
-    Returns the images, 0 where a photograph shows nothing, and by how many columns and rows each was shifted (e, 2),
-    from `find_shifts`. `images` and `exposures` are as in `merge_series`.
-    """
-    arrays = as_series(images)
-    stops = as_stops(exposures, len(arrays))
-    shifts = find_shifts([equalised(array) for array in arrays], stops, arrays[0].shape)
-    return [shifted(array, *shift) for array, shift in zip(arrays, shifts, strict=True)], shifts
-
-
 def equalised(array: NDArray[Any]) -> NDArray[np.uint8]:
     """Reduce the green channel of an image (h, w, c) of 8 or 16 bits to what no response and no exposure changes."""
     import cv2
