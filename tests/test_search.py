@@ -192,7 +192,7 @@ def test_the_choice_is_algorithm_1():
     assert tuple(table.columns) == COLUMNS
     assert table["rank"].tolist() == [1, 2, 3, 4, 5]
     assert [architecture(row) for _, row in table.iterrows()] == [(100,), (50,), (20,), (10,), (10, 10)]
-    choices = [SearchResult(mark_choice(table, m), m).chosen for m in (1, 2, 3, 4, 5, 99)]
+    choices = [SearchResult(mark_choice(table, m)).chosen for m in (1, 2, 3, 4, 5, 99)]
     assert choices == [(100,), (50,), (20,), (10,), (10,), (10,)]
     assert (mark_choice(table, 3)["chosen"].sum()) == 1
 
@@ -292,7 +292,7 @@ def test_search_by_grid(responses, pool, tmp_path):
     assert table["chosen"].sum() == 1
     assert result.chosen == architecture(table[:3].nsmallest(1, "complexity").iloc[0])
     assert (table["rmse"] ** 2 <= table["mse"] * (1 + 1e-6)).all()  # Jensen
-    assert result.choose(6).chosen == (5,)
+    assert SearchResult(mark_choice(table, 6)).chosen == (5,)
 
 
 def test_search_by_halving_and_by_optuna(responses, pool):

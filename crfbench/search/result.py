@@ -90,7 +90,6 @@ class SearchResult:
     """
 
     table: pd.DataFrame
-    m: int  # of how many most accurate candidates the least complex was chosen
 
     @property
     def chosen(self) -> Hidden:
@@ -101,10 +100,6 @@ class SearchResult:
     def pareto(self) -> pd.DataFrame:
         """The candidates that no other beats in both accuracy and complexity, least complex first."""
         return pareto_front(self.table)
-
-    def choose(self, m: int) -> "SearchResult":
-        """Return the same results with the choice for another M."""
-        return SearchResult(mark_choice(self.table, m), m)
 
 
 def architecture(row: pd.Series) -> Hidden:

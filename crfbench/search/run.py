@@ -93,7 +93,7 @@ def search_architectures(
     with nullcontext(executor) if executor else local_workers() as workers:
         run = partial(_train, base=base, workers=workers, progress=progress)
         outcomes = _explore(partial(find_next, space or SearchSpace(), epochs), book, run)
-    return SearchResult(mark_choice(tabulate(outcomes), m), m)
+    return SearchResult(mark_choice(tabulate(outcomes), m))
 
 
 def _explore(

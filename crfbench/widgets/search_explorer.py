@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from crfbench.checks import as_numbers, check_count
 from crfbench.errors import InputError
-from crfbench.search.result import SearchResult, architecture, pareto_front
+from crfbench.search.result import SearchResult, architecture, mark_choice, pareto_front
 from crfbench.search.space import Hidden
 from crfbench.widgets.assets import SyncedTrait, bundle, join
 from crfbench.widgets.page import LivingWidget
@@ -80,7 +80,7 @@ class SearchExplorer(LivingWidget):
     @property
     def chosen(self) -> Hidden:
         """The choice for the present `m`."""
-        return SearchResult(self._table, self.m).choose(self.m).chosen
+        return SearchResult(mark_choice(self._table, self.m)).chosen
 
 
 def _check_table(table: pd.DataFrame) -> pd.DataFrame:
