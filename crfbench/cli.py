@@ -123,7 +123,7 @@ def calibration(
 ) -> None:
     """Table 3: 14 cameras calibrated on one illumination and tested on the other, both ways."""
     from crfbench.paper.calibration import calibration_table
-    from crfbench.paper.printed import CALIBRATION_COLUMNS
+    from crfbench.paper.verdicts import CALIBRATION_COLUMNS
 
     shown = ["mean", "coverage" if method == "posterior" else "separate", "by_paper"]
     if method == "paper":
@@ -173,7 +173,7 @@ def where(
 ) -> None:
     """Say where each figure, table, equation and claim of the paper is rebuilt, and what we judge of it."""
     from crfbench.paper.claims import claims_table
-    from crfbench.paper.places import paper_map
+    from crfbench.paper.findings import paper_map
     from crfbench.paper.verdicts import RULES
 
     if item:

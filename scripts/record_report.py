@@ -20,9 +20,9 @@ from crfbench.metrics import rmse, total_variance
 from crfbench.models import SLR, EMoR, Kernel, ResponseModel, load_model
 from crfbench.models.registry import bundled_models
 from crfbench.paper.calibration import camera_rmse, camera_rmse_table, chart_observations, coverage
-from crfbench.paper.printed import CALIBRATION, STABILITY
 from crfbench.paper.results import CONSTRAINTS, LEADERBOARD, load_recorded, record
 from crfbench.paper.stability import CAMERA, stability_curves
+from crfbench.paper.verdicts import CALIBRATION, STABILITY
 from crfbench.training import CONFIGS, train
 
 _N_DORF = 201

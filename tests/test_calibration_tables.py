@@ -10,8 +10,8 @@ from crfbench.datasets.middlebury import PATCH_ORDER, REFERENCE_IRRADIANCE, Patc
 from crfbench.errors import InputError
 from crfbench.models import load_model
 from crfbench.paper import calibration, stability
-from crfbench.paper.printed import CALIBRATION, SIGNIFICANT_RMSE
 from crfbench.paper.results import BAR, load_results
+from crfbench.paper.verdicts import CALIBRATION, SIGNIFICANT_RMSE
 
 LDL, EMOR = "SLR-ldl-1", "EMoR-3"
 

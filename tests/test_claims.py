@@ -19,9 +19,18 @@ from crfbench.paper.calibration import calibration_table
 from crfbench.paper.claims import claims_table, means_reproduced, papers_impossible_spreads, speed_ratio, verdict_counts
 from crfbench.paper.claims_data import emor_energy, printed_variance, smoothness_loss
 from crfbench.paper.findings import does_not_follow, holds, summary
-from crfbench.paper.printed import CALIBRATION, FITTING, SIGNIFICANT_RMSE, STABILITY
 from crfbench.paper.results import PaperResults, load_recorded, load_results
-from crfbench.paper.verdicts import CHECKS, RULES, Claim, claim, scientific
+from crfbench.paper.verdicts import (
+    CALIBRATION,
+    CHECKS,
+    FITTING,
+    RULES,
+    SIGNIFICANT_RMSE,
+    STABILITY,
+    Claim,
+    claim,
+    scientific,
+)
 
 LDL = "SLR-ldl-1"
 

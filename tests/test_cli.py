@@ -13,8 +13,8 @@ from crfbench import camera, cli, lab
 from crfbench.models import ModelKey, load_model
 from crfbench.paper import calibration, figures, fitting, stability
 from crfbench.paper.fitting import COLUMNS
-from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS
 from crfbench.paper.results import load_recorded
+from crfbench.paper.verdicts import CALIBRATION, CALIBRATION_COLUMNS
 from tests.support.command import run_command
 
 

@@ -2,7 +2,7 @@ import pytest
 
 from crfbench import paper
 from crfbench.models.registry import ModelKey, bundled_models
-from crfbench.paper import printed
+from crfbench.paper import verdicts as printed
 from crfbench.paper.verdicts import verdict
 
 

@@ -12,7 +12,7 @@ import typer
 from crfbench import cli
 from crfbench.paper.claims import claims_table, verdict_counts
 from crfbench.paper.figures import PAPER_FIGURES
-from crfbench.paper.places import claims_by_verdict, paper_map
+from crfbench.paper.findings import claims_by_verdict, paper_map
 from crfbench.paper.verdicts import RULES
 
 ROOT = Path(__file__).parent.parent

@@ -12,8 +12,7 @@ from markupsafe import escape
 from crfbench.paper import figures, report
 from crfbench.paper.claims import claims_table, verdict_counts
 from crfbench.paper.figures import plot_against_paper
-from crfbench.paper.findings import does_not_follow, holds, summary
-from crfbench.paper.places import paper_map
+from crfbench.paper.findings import does_not_follow, holds, paper_map, summary
 from crfbench.paper.results import leaderboard, load_results
 
 VOID = {"meta", "wbr", "br", "path", "use", "rect"}

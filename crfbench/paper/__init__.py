@@ -1,6 +1,6 @@
 """The paper's room: what it prints, what we get, and why.
 
-A claim of the paper stands in `claims` or `claims_data`, the numbers of its tables in `printed`, our tables in the
+A claim of the paper stands in `claims` or `claims_data`, the numbers of its tables in `verdicts`, our tables in the
 module of their subject, and what took minutes to compute in ``data/recorded``.
 """
 
@@ -13,14 +13,12 @@ _NAMES = {
     "paper.claims": "claims_table verdict_counts",
     "paper.figures": "calibration_figure comparison_figure patch_counts_figure plot_camera_rmse plot_coverage "
     "plot_fitting plot_validity stability_figure write_figures",
-    "paper.findings": "does_not_follow holds summary",
+    "paper.findings": "claims_by_verdict does_not_follow holds paper_map summary",
     "paper.fitting": "display_table fitting_table fitting_tables papers_rising_rows",
-    "paper.places": "claims_by_verdict paper_map",
-    "paper.printed": "CALIBRATION FITTING STABILITY",
     "paper.report": "latent_slider sortable_leaderboard write_report",
     "paper.results": "latent_table leaderboard load_recorded load_results",
     "paper.stability": "stability_table",
-    "paper.verdicts": "RULES",
+    "paper.verdicts": "CALIBRATION FITTING RULES STABILITY",
 }
 
 __all__ = sorted(" ".join(_NAMES.values()).split())  # noqa: PLE0605  a list, though not a literal one

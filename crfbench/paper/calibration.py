@@ -29,9 +29,8 @@ from crfbench.datasets.middlebury import (
 from crfbench.metrics import nonmonotone, rmse, statistics, summarise
 from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL, ModelKey
-from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE
 from crfbench.paper.results import BAR, load_recorded
-from crfbench.paper.verdicts import verdict
+from crfbench.paper.verdicts import CALIBRATION, CALIBRATION_COLUMNS, SIGNIFICANT_RMSE, verdict
 
 COLUMNS = (
     "model", "method", "patches", "channel", "mean", "median", "sd", "max", "p95", "low", "high", "difference",

@@ -14,9 +14,23 @@ import pandas as pd
 from crfbench.paper import claims_data  # noqa: F401
 from crfbench.paper.calibration import bootstrap_bounds
 from crfbench.paper.fitting import papers_rising_rows
-from crfbench.paper.printed import CALIBRATION, CALIBRATION_COLUMNS, FITTING, SIGNIFICANT_RMSE, STABILITY
 from crfbench.paper.results import PaperResults, load_results
-from crfbench.paper.verdicts import CHECKS, RULES, Check, Claim, claim, in_words, is_least, scientific, verdict
+from crfbench.paper.verdicts import (
+    CALIBRATION,
+    CALIBRATION_COLUMNS,
+    CHECKS,
+    FITTING,
+    RULES,
+    SIGNIFICANT_RMSE,
+    STABILITY,
+    Check,
+    Claim,
+    claim,
+    in_words,
+    is_least,
+    scientific,
+    verdict,
+)
 
 _FITS = "crfbench.paper.fitting.fitting_table"
 _CALIBRATIONS = "crfbench.paper.calibration.calibration_table"

@@ -25,11 +25,11 @@ from crfbench.history import load_history
 from crfbench.models import GGCM, PPISP, SLR, EMoR, Gamma, Polynomial, load_model
 from crfbench.paper.calibration import calibration_table, camera_rmse_table, chart_free_table
 from crfbench.paper.claims import claims_table
+from crfbench.paper.findings import paper_map
 from crfbench.paper.fitting import fitting_tables
-from crfbench.paper.places import paper_map
-from crfbench.paper.printed import CALIBRATION, STABILITY
 from crfbench.paper.results import PaperResults, latent_table, leaderboard, load_recorded, load_results, to_rows
 from crfbench.paper.stability import CAMERA, SIZES, stability_curves, stability_table
+from crfbench.paper.verdicts import CALIBRATION, STABILITY
 from crfbench.plots import MARKERS, PALETTE, STYLES, new_axes, unit_square
 
 _HISTORIES = ("LDL", "AUC", "AAE", "VAE", "baseline")  # in the order of the paper's figure

@@ -15,9 +15,8 @@ from crfbench.metrics import mse, nonmonotone, out_of_range, rmse, summarise
 from crfbench.models import SLR, EMoR, ResponseModel, load_model
 from crfbench.models.base import ClosedForm
 from crfbench.models.registry import MODELS, ModelKey, pretrained_models
-from crfbench.paper.printed import FITTING
 from crfbench.paper.results import BAR, load_recorded
-from crfbench.paper.verdicts import verdict
+from crfbench.paper.verdicts import FITTING, verdict
 
 COLUMNS = (
     "model", "n_params", "direction", "split", "mean_rmse", "median_rmse", "p95_rmse", "max_rmse", "mean_mse",

@@ -14,8 +14,7 @@ from crfbench.datasets import load_responses
 from crfbench.files import write_atomically
 from crfbench.paper.claims import claims_table, verdict_counts
 from crfbench.paper.figures import PAPER_FIGURES, captions, picture
-from crfbench.paper.findings import does_not_follow, holds, summary
-from crfbench.paper.places import located, paper_map
+from crfbench.paper.findings import does_not_follow, holds, located, paper_map, summary
 from crfbench.paper.results import LEADERBOARD, PaperResults, leaderboard, load_results
 from crfbench.paper.verdicts import MARKS, RULES
 from crfbench.widgets import LatentExplorer, SortableTable

@@ -16,9 +16,8 @@ from crfbench.metrics import total_variance
 from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL
 from crfbench.paper.calibration import held_out_rmse
-from crfbench.paper.printed import STABILITY
 from crfbench.paper.results import BAR
-from crfbench.paper.verdicts import verdict
+from crfbench.paper.verdicts import STABILITY, verdict
 
 COLUMNS = (
     "model", "method", "camera", "subsets", "total_variance", "median", "rmse", "rmse_scaled",

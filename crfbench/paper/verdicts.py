@@ -1,4 +1,8 @@
-"""The rules by which a claim of the paper is judged, and `claim`, which registers the function that checks one."""
+"""What the paper prints in its tables, the rules by which it is judged, and `claim`, which registers a check.
+
+Zhao, Ferguson, Zhou and Rafferty, "Representing Camera Response Function by a Single Latent Variable and Fully
+Connected Neural Network" (2022). What its text says stands in `crfbench.paper.claims`.
+"""
 
 from collections.abc import Callable, Iterable
 from decimal import Decimal
@@ -8,12 +12,23 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from crfbench.paper.printed import SIGNIFICANT_RMSE
 from crfbench.paper.results import PaperResults
+
+_HERE = Path(__file__).parent
+#: Table 1, "DoRF curves fitting": mean RMSE as the paper calls it, of responses. Kept as text, for the digits printed
+#: are part of the figure. SLR's constraint is not stated; LDL is the one that the paper recommends.
+FITTING: dict[str, str] = pd.read_csv(_HERE / "table_1.csv", index_col="model", dtype=str)["mean_rmse"].to_dict()
+#: Table 2, "Stability": total variance between inverse responses from 3, 6, 12 and 24 patches (Canon PowerShot G9).
+STABILITY: dict[str, float] = {"SLR-ldl-1": 0.66, "Polynomial-3": 1.63, "GGCM-3": 8.11, "EMoR-3": 3.87}
+_TABLE_3 = pd.read_csv(_HERE / "table_3.csv", index_col="model")
+CALIBRATION_COLUMNS = tuple(_TABLE_3)
+#: Table 3, "Camera radiometric calibration", of inverse responses.
+CALIBRATION: dict[str, tuple[float, ...]] = {str(name): tuple(row) for name, row in _TABLE_3.T.items()}
+SIGNIFICANT_RMSE = 0.005
 
 #: "Slightly worse" is a ratio below the first, "1" a number within the second of 1.
 SLIGHTLY, NEAR_ONE = 1.5, 0.1
-_VERDICTS = pd.read_csv(Path(__file__).with_name("verdicts.csv"), index_col="verdict")
+_VERDICTS = pd.read_csv(_HERE / "verdicts.csv", index_col="verdict")
 #: What each verdict means; then a sign and a class that tell it without colour, and its colour on a terminal.
 RULES: dict[str, str] = {
     name: rule.format(significant=SIGNIFICANT_RMSE, slightly=SLIGHTLY, near=NEAR_ONE)
