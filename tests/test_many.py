@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from crfbench import parallel
-from crfbench.camera import Passport, calibrate_cameras, many, read_response, render_series, write_response
+from crfbench.camera import Passport, calibrate_cameras, outputs, read_response, render_series, write_response
 from crfbench.curves import GRID
 from crfbench.errors import InputError, WorkerError
 from tests.support.command import run_command
@@ -87,7 +87,7 @@ def test_a_full_disk_is_told_for_the_camera_that_met_it(
     def full(*_arguments: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(many, "write_outputs", full)
+    monkeypatch.setattr(outputs, "write_outputs", full)
     with ThreadPoolExecutor(1) as executor:
         found = calibrated(folders[:1], tmp_path, executor=executor)
     assert "No space left" in found["bright"]
@@ -105,8 +105,8 @@ def test_of_two_processes_with_one_folder_the_first_counts(
                 (each / name).touch()
         return []
 
-    monkeypatch.setattr(many, "calibrate", lambda *_arguments, **_options: None)
-    monkeypatch.setattr(many, "write_outputs", meanwhile)
+    monkeypatch.setattr(outputs, "calibrate", lambda *_arguments, **_options: None)
+    monkeypatch.setattr(outputs, "write_outputs", meanwhile)
     with ThreadPoolExecutor(1) as executor:
         assert calibrated(folders[:1], tmp_path, executor=executor) == {"bright": ""}
     assert [path.name for path in tmp_path.iterdir()] == ["bright"]

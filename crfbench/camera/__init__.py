@@ -7,10 +7,9 @@
 
 from crfbench.camera.calibrate import CameraCalibration, calibrate
 from crfbench.camera.formats import FORMATS, read_response, write_response
-from crfbench.camera.many import calibrate_cameras
 from crfbench.camera.measuring import chart_table
 from crfbench.camera.merging import merge_series, write_hdr
-from crfbench.camera.outputs import linearise_file, linearised_patches, matrix_text, write_outputs
+from crfbench.camera.outputs import calibrate_cameras, linearise_file, linearised_patches, matrix_text, write_outputs
 from crfbench.camera.passport import Passport, linearise
 from crfbench.camera.photographs import pair_photographs
 from crfbench.camera.reading import read_image
