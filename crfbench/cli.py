@@ -262,8 +262,8 @@ def calibrate(
         return _calibrate_each(source, out, options)
     say = partial(typer.echo, err=True)
     result = camera.calibrate(source, say=say, **options)
-    for problem in result.problems:
-        typer.echo(f"left out: {problem.reason}", err=True)
+    for reason in result.problems.values():
+        typer.echo(f"left out: {reason}", err=True)
     for path in camera.write_outputs(result, out, force, say):
         typer.echo(path)
     low, high = result.passport.valid_range

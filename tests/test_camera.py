@@ -72,7 +72,7 @@ def test_a_known_response_comes_back(result, truth):
 
 def test_the_broken_file_is_named_and_the_rest_goes_on(result):
     assert list(result.photographs) == [f"写真 {i}" for i in range(3)]
-    assert [problem.path.name for problem in result.problems] == ["broken.jpg"]
+    assert [path.name for path in result.problems] == ["broken.jpg"]
 
 
 def test_without_raw_files_the_chart_and_exif_do(folder, truth):

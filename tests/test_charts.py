@@ -429,7 +429,7 @@ def test_pairs_are_found_whatever_their_names(tmp_path, small_pair):
     (tmp_path / "notes.txt").write_text("passed over")
     copy(jpeg, tmp_path / ".hidden.jpg")
     pairs, problems = pair_photographs(tmp_path)
-    assert problems == []
+    assert problems == {}
     assert [pair.name for pair in pairs] == sorted(["zwei Wörter", "фото 1", "写真", "IMG_1.edit", "é"])
     assert all(pair.raw and pair.jpeg.suffix.lower() in (".jpg", ".jpeg") for pair in pairs)
     assert pair_photographs(path for pair in pairs for path in (pair.raw, pair.jpeg))[0] == pairs
@@ -446,9 +446,7 @@ def test_every_problem_is_named(tmp_path, small_pair):
     pairs, problems = pair_photographs(tmp_path)
     _, _, unmeasured = chart_table(pairs, {"size": scene.corners})
     assert [pair.name for pair in pairs] == ["bad", "good", "single", "size"]
-    reasons = {
-        problem.path.name: problem.reason for problem in problems + unmeasured if problem.path.name != "good.jpg"
-    }
+    reasons = {path.name: reason for path, reason in (problems | unmeasured).items() if path.name != "good.jpg"}
     assert reasons == {
         "alone.jpg": "alone.jpg has no RAW file of the same name",
         "single.dng": "single.dng holds no preview; put the camera's JPEG of the same name beside it",
@@ -474,8 +472,8 @@ def test_labels_of_no_photograph_are_named(photographs):
 def test_given_files_of_another_kind_are_named(tmp_path):
     pairs, problems = pair_photographs([tmp_path / "a.txt"])
     assert pairs == []
-    assert "a.txt is neither RAW nor JPEG" in problems[0].reason
-    assert "nowhere is neither RAW nor" in pair_photographs(tmp_path / "nowhere")[1][0].reason
+    assert "a.txt is neither RAW nor JPEG" in next(iter(problems.values()))
+    assert "nowhere is neither RAW nor" in pair_photographs(tmp_path / "nowhere")[1][tmp_path / "nowhere"]
 
 
 # --- labels
@@ -588,7 +586,7 @@ def photographs(tmp_path_factory):
 def test_table(photographs):
     _, pairs = photographs
     frame, measured, problems = chart_table(pairs)
-    assert [problem.reason[:27] for problem in problems] == ["empty.jpg: no chart of 24 p"]
+    assert [reason[:27] for reason in problems.values()] == ["empty.jpg: no chart of 24 p"]
     assert list(measured) == ["e 1", "e 2"]
     assert frame["patch"].tolist() == [*range(1, 25)] * 2
     assert frame["photograph"].tolist() == ["e 1"] * 24 + ["e 2"] * 24
@@ -605,7 +603,7 @@ def test_a_photograph_without_two_patches_unclipped_is_named(tmp_path):
     write_pair(tmp_path, "burnt", replace(scene, raw=np.ones_like(scene.raw)))
     _, measured, problems = chart_table(pair_photographs(tmp_path)[0])
     assert not measured
-    assert problems[0].reason == "burnt.jpg: 24 of 24 patches are clipped; use another exposure"
+    assert next(iter(problems.values())) == "burnt.jpg: 24 of 24 patches are clipped; use another exposure"
 
 
 def test_jpeg_patches_follow_the_response_to_raw_patches(photographs):
@@ -632,7 +630,7 @@ def test_a_chart_is_tried_where_the_surest_lies(tmp_path):
     assert list(measured) == ["a", "b"]
     np.testing.assert_array_equal(measured["a"].corners, measured["b"].corners)
     assert np.abs(measured["a"].jpeg.means - measured["b"].jpeg.means).max() < 0.05
-    assert [problem.reason for problem in problems] == [
+    assert list(problems.values()) == [
         "c.png: no chart of 24 patches was found in the photograph (the nearest is mirrored); "
         "label its four corners by hand"
     ]
@@ -648,9 +646,9 @@ def test_labels_take_the_place_of_finding(photographs):
     found = measure_photograph(pairs[0].jpeg, pairs[0].raw, corners)
     np.testing.assert_allclose(frame[["jpeg_r", "jpeg_g", "jpeg_b"]], found.jpeg.means)
     assert frame["raw_r"].isna().all()
-    patches, _, (problem,) = chart_table([Pair("e 1", folder / "e 1.jpg")], {"e 1": LABEL["corners"]})
+    patches, _, problems = chart_table([Pair("e 1", folder / "e 1.jpg")], {"e 1": LABEL["corners"]})
     assert patches.empty
-    assert "the patches are not a chart's" in problem.reason
+    assert "the patches are not a chart's" in next(iter(problems.values()))
 
 
 def test_a_raw_file_of_another_size_is_refused(photographs):
@@ -663,7 +661,7 @@ def test_no_photographs_make_an_empty_table():
     patches, measured, problems = chart_table([])
     assert patches.empty
     assert "jpeg_r" in patches.columns
-    assert (measured, problems) == ({}, [])
+    assert (measured, problems) == ({}, {})
 
 
 # --- what scatters

@@ -132,7 +132,7 @@ def test_another_style_and_another_camera_are_named_and_left_out(tmp_path, truth
         write_raw(tmp_path / f"{name}.dng", raw, jpeg, balance=BALANCE, model=model)
     result = camera.calibrate(tmp_path, "none")
     assert list(result.photographs) == ["a0", "a1", "a2"]
-    reasons = {problem.path.name: problem.reason for problem in result.problems}
+    reasons = {path.name: reason for path, reason in result.problems.items()}
     assert "counts of 255 off what most others tell" in reasons["vivid.dng"]
     assert "z.dng is by two" in reasons["z.dng"]
     assert rmse(result.passport.in_direction("forward"), truth).max() < 0.01
@@ -144,7 +144,7 @@ def test_white_balances_differ_between_photographs(tmp_path, truth):
         raw, jpeg = render_photograph(truth, i, gain=GAIN, size=SIZE, balance=balance)
         paths.append(write_raw(tmp_path / f"{i}.dng", raw, jpeg, balance=balance))
     found, odd, _ = calibrate_pairs({path: measure_pairs(path, path) for path in paths}, load_model(DEFAULT_MODEL))
-    assert odd == []
+    assert odd == {}
     assert rmse(invert(found.curves[0]), truth).max() < 0.01
 
 

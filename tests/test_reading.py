@@ -337,9 +337,7 @@ def test_two_cameras_are_told_apart(tmp_path):
         save_jpeg(tmp_path / f"{i}.jpg", {TIME: 0.1 * 2**i}, model)
     plan = plan_photographs(tmp_path)
     assert [pair.name for pair in plan.pairs] == ["1", "2", "3"]
-    assert [problem.reason for problem in plan.problems] == [
-        "0.jpg is by Beta, and 2 are by Alpha; calibrate one camera"
-    ]
+    assert list(plan.problems.values()) == ["0.jpg is by Beta, and 2 are by Alpha; calibrate one camera"]
     np.testing.assert_allclose(plan.stops, [0, 1, 2], atol=1e-5)
 
 
@@ -376,7 +374,7 @@ def test_raw_files_of_every_maker_are_photographs(tmp_path):
     for suffix in suffixes:
         (tmp_path / f"photo {suffix}.{suffix}").touch()
     pairs, problems = pair_photographs(tmp_path)
-    assert (len(pairs), problems) == (len(suffixes), [])
+    assert (len(pairs), problems) == (len(suffixes), {})
     assert all(pair.raw == pair.jpeg for pair in pairs)
 
 
@@ -390,14 +388,14 @@ def test_pairs_of_phones_and_of_several_folders(tmp_path):
     pixel = touch(tmp_path, "PXL_1.RAW-01.COVER.jpg", "PXL_1.RAW-02.ORIGINAL.dng", "PXL_2.RAW-01.MP.COVER.jpg")
     touch(tmp_path, "PXL_2.RAW-02.ORIGINAL.dng", "img_1.DNG", "IMG_1.JPG")
     pairs, problems = pair_photographs(tmp_path)
-    assert problems == []
+    assert problems == {}
     assert [pair.jpeg.name for pair in pairs] == ["IMG_1.JPG", pixel[0].name, pixel[2].name]
     assert all(pair.raw for pair in pairs)
     files = touch(
         tmp_path, "x/a.jpg", "x/a.dng", "y/a.jpg", "y/a.dng", "jpg/c.jpg", "raw/c.dng", "b.jpg", "b.png", "b.dng"
     )
     pairs, problems = pair_photographs(files)
-    assert problems == []
+    assert problems == {}
     assert [(pair.name, pair.raw.parent.name) for pair in pairs] == [
         ("x/a.jpg", "x"), ("y/a.jpg", "y"), ("c", "raw"), ("b", tmp_path.name)
     ]  # fmt: skip
@@ -408,7 +406,7 @@ def test_an_edited_copy_is_not_another_photograph(tmp_path):
     touch(tmp_path, "IMG_1.JPG", "IMG_1-edited.jpg", "IMG_2-edited.jpg")
     pairs, problems = pair_photographs(tmp_path)
     assert [pair.name for pair in pairs] == ["IMG_1", "IMG_2-edited"]
-    assert problems[0].reason == "IMG_1-edited.jpg is an edited copy of IMG_1.JPG by its name"
+    assert next(iter(problems.values())) == "IMG_1-edited.jpg is an edited copy of IMG_1.JPG by its name"
 
 
 def test_a_copy_is_not_another_photograph(tmp_path):
@@ -417,7 +415,7 @@ def test_a_copy_is_not_another_photograph(tmp_path):
     shutil.copy(tmp_path / "IMG_1.jpg", tmp_path / "IMG_1 (copy).jpg")
     plan = plan_photographs(tmp_path)
     assert [pair.name for pair in plan.pairs] == ["IMG_1 (copy)", "IMG_2"]
-    assert [problem.reason for problem in plan.problems] == ["IMG_1.jpg is a copy of IMG_1 (copy).jpg"]
+    assert list(plan.problems.values()) == ["IMG_1.jpg is a copy of IMG_1 (copy).jpg"]
     assert len(plan_photographs(tmp_path, [1, 2, 4]).pairs) == 3, "told to be three exposures"
 
 
@@ -511,7 +509,7 @@ def test_a_list_that_lacks_a_photograph(three):
     (three / "t.txt").write_text("c.jpg 1\nd.jpg 2")
     _, plan = read_planned(plan_photographs(three, three / "t.txt"), read_levels)
     assert plan.stops.tolist() == [0, 1]
-    assert plan.problems[0].reason.startswith("a b.jpg does not tell its exposure; give times")
+    assert next(iter(plan.problems.values())).startswith("a b.jpg does not tell its exposure; give times")
     for text, message in (
         ("x 1\ny 2", r"t\.txt names none of"),
         ("c.jpg 1/1O\nd.jpg 2", "t.txt, line 'c.jpg 1/1O': '1/1O' is not an exposure time"),
@@ -571,7 +569,7 @@ def test_what_differs_from_most_is_named_and_left_out(three):
     images, plan = read_planned(plan_photographs(three, "1,2,4,8,16"), read_levels)
     assert len(images) == 3
     assert plan.stops.tolist() == [0, 2, 3]
-    assert [problem.reason for problem in plan.problems] == [
+    assert list(plan.problems.values()) == [
         f"{name}, and most are 64 x 48 pixels of 8 bits, colour; use one kind"
         for name in ("c.jpg is 64 x 48 pixels of 8 bits, grey", "f.jpg is 64 x 20 pixels of 8 bits, colour")
     ]

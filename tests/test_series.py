@@ -547,7 +547,7 @@ def test_a_series_by_exif_reports_what_it_leaves_out(tmp_path):
     np.testing.assert_allclose(plan.stops, [0, 2, 4], atol=1e-6)
     assert len(images) == 3
     np.testing.assert_allclose(images[2].astype(float), FLAT, atol=1)
-    reasons = {problem.path.name: problem.reason for problem in plan.problems}
+    reasons = {path.name: reason for path, reason in plan.problems.items()}
     assert sorted(reasons) == ["3.jpg", "4.jpg", "6.jpg"]
     assert reasons["3.jpg"].startswith("3.jpg does not tell its exposure; give times (--exposures 1/60,")
 

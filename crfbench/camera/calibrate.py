@@ -17,7 +17,7 @@ from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, o
 from crfbench.camera.merging import Merged, merge_series
 from crfbench.camera.pairs import calibrate_pairs, scene_pairs
 from crfbench.camera.passport import CHANNELS, Passport
-from crfbench.camera.photographs import Exposures, Plan, Problem, Source, plan_photographs, read_planned
+from crfbench.camera.photographs import Exposures, Plan, Problems, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
 from crfbench.camera.series import (
     EXACT,
@@ -51,7 +51,7 @@ class CameraCalibration:
     passport: Passport
     calibration: Calibration  # of a set for each curve; `passport` holds the curves made monotone
     photographs: dict[str, Path]  # the JPEG of each photograph that counts
-    problems: list[Problem]
+    problems: Problems
     patches: "DataFrame | None" = None  # the patch table, where there was a chart
     measured: dict[str, MeasuredChart] = field(default_factory=dict)  # where the chart lies in each photograph
     merged: Merged | None = None  # the linear image that an exposure series gives
@@ -201,12 +201,10 @@ def _from_pairs(plan: Plan, key: ModelKey, rgb: bool, created: str, say: Callabl
         raise InputError("channels='shared' does not fit RAW files without a chart, which tell each channel; use 'rgb'")
     measured, problems = scene_pairs(plan.pairs, plan.white_level)
     if not measured:
-        raise InputError(
-            f"no photograph with its RAW file is left ({_reasons([*plan.problems, *problems])}); use others"
-        )
+        raise InputError(f"no photograph with its RAW file is left ({_reasons(plan.problems | problems)}); use others")
     found, odd, note = calibrate_pairs(measured, key.load())
     say(note)
-    used = plan.without([*problems, *odd])
+    used = plan.without(problems | odd)
     passport = _passport(found.calibration, key, used, created, found)
     photographs = {pair.name: pair.jpeg for pair in used.pairs}
     notes = [*plan.notes, note]
@@ -335,7 +333,7 @@ def _digest(files: Sequence[Path]) -> str:
     return total.hexdigest()
 
 
-def _reasons(problems: list[Problem]) -> str:
+def _reasons(problems: Problems) -> str:
     """Say of the first few files why they were left out."""
     rest = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
-    return "; ".join(problem.reason for problem in problems[:3]) + rest or "there is no photograph"
+    return "; ".join(list(problems.values())[:3]) + rest or "there is no photograph"

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from crfbench.calibration import Calibration, Observations
 from crfbench.calibration.mixture import typical_slope
 from crfbench.calibration.observations import colour_error
-from crfbench.camera.photographs import Pair, Problem, exposure_steps
+from crfbench.camera.photographs import Pair, Problems, exposure_steps
 from crfbench.camera.reading import Exif, read_exif, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
 from crfbench.curves import Array
@@ -275,7 +275,7 @@ def measure_photograph(
 
 def chart_table(
     pairs: Sequence[Pair], labels: Mapping[str, ArrayLike] | None = None, white_level: int | None = None
-) -> tuple["DataFrame", dict[str, MeasuredChart], list[Problem]]:
+) -> tuple["DataFrame", dict[str, MeasuredChart], Problems]:
     """Measure the chart in every photograph; one that cannot be measured is reported, the rest goes on.
 
     Parameters
@@ -296,7 +296,8 @@ def chart_table(
         ``camera`` the model by EXIF.
     measured : dict of str to MeasuredChart
         By the name of the photograph.
-    problems : list of Problem
+    problems : dict of Path to str
+        Why a photograph was not measured, by its JPEG.
     """
     import pandas as pd
 
@@ -313,11 +314,11 @@ def chart_table(
             again = _measured(pair, surest, white_level) if isinstance(found[pair.name], InputError) else None
             found[pair.name] = again if isinstance(again, MeasuredChart) else found[pair.name]
     measured = {name: each for name, each in found.items() if isinstance(each, MeasuredChart)}
-    problems = [
-        Problem(pair.jpeg, str(each) if isinstance(each, FormatError) else f"{pair.jpeg.name}: {each}")
+    problems = {
+        pair.jpeg: str(each) if isinstance(each, FormatError) else f"{pair.jpeg.name}: {each}"
         for pair in pairs
         if isinstance(each := found[pair.name], Exception)
-    ]
+    }
     steps = exposure_steps([photograph.exif for photograph in measured.values()])
     rows = [
         (name, photograph.exif.model, step, photograph.confidence, patch + 1, *values)

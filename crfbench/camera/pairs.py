@@ -15,7 +15,7 @@ from crfbench.calibration import Calibration
 from crfbench.calibration.colour import RAW_FULL, ColourCalibration, calibrate_colour
 from crfbench.calibration.observations import SATURATED
 from crfbench.calibration.posterior import Noise
-from crfbench.camera.photographs import Pair, Problem
+from crfbench.camera.photographs import Pair, Problems
 from crfbench.camera.reading import read_balance, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
 from crfbench.curves import GRID, Array, evaluate
@@ -47,21 +47,21 @@ _ODD, _ALIKE = 2.0, 0.02
 _SCATTER = 0.005  # of brightness about the curves, that is expected at the least
 
 
-def scene_pairs(pairs: Sequence[Pair], white_level: int | None = None) -> tuple[dict[Path, ScenePairs], list[Problem]]:
+def scene_pairs(pairs: Sequence[Pair], white_level: int | None = None) -> tuple[dict[Path, ScenePairs], Problems]:
     """Measure photographs, by the path of their JPEG; one that cannot be measured is reported, the rest goes on."""
     measured: dict[Path, ScenePairs] = {}
-    problems = []
+    problems: Problems = {}
     for pair in pairs:
         try:
             measured[pair.jpeg] = WORKER.run(measure_pairs, pair.jpeg, pair.raw, white_level)
         except FormatError as error:
-            problems.append(Problem(pair.jpeg, str(error)))
+            problems[pair.jpeg] = str(error)
     return measured, problems
 
 
 def calibrate_pairs(
     measured: Mapping[Path, ScenePairs], model: ResponseModel
-) -> tuple[ColourCalibration, list[Problem], str]:
+) -> tuple[ColourCalibration, Problems, str]:
     """Find matrix and curves from photographs of one camera; what is unlike most of three or more is left out.
 
     Returned with those left out, and a sentence on what remains unexplained, by which bands are wider. The matrix is
@@ -81,11 +81,11 @@ def calibrate_pairs(
     found = calibrate_colour(jpeg[used], raw[used], weights[used], model=model, scatter=scatter)
     rms = _unexplained(found, jpeg, raw, weights)
     unlike = "counts of 255 off what most others tell; calibrate one picture style"
-    odd = [
-        Problem(path, f"{path.name} is {255 * each:.0f} {unlike}")
+    odd = {
+        path: f"{path.name} is {255 * each:.0f} {unlike}"
         for path, each, kept in zip(measured, rms, used, strict=True)
         if not kept
-    ]
+    }
     rest = float(np.sqrt((rms[used] ** 2).mean()))
     calibration = _widened(found.calibration, rest)
     stops = np.sqrt((calibration.residuals[calibration.observations.counts] ** 2).mean()) / np.log(2)

@@ -26,6 +26,8 @@ from crfbench.errors import FormatError, InputError
 Source = str | Path | Iterable[str | Path]
 Read = TypeVar("Read")
 Exposures = str | Path | Sequence[float | str] | ArrayLike | None
+#: Files that were left out, and why each, in one sentence.
+Problems = dict[Path, str]
 
 # Pixel phones name the two files of one photograph X.RAW-01.COVER.jpg and X.RAW-02.ORIGINAL.dng.
 _PIXEL_PART = re.compile(r"\.raw-\d+(\.mp)?\.(cover|original)$")
@@ -48,14 +50,6 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """A file that was left out, and why, in one sentence."""
-
-    path: Path
-    reason: str
-
-
-@dataclass(frozen=True)
 class Plan:
     """The photographs of one camera in order, and what is known of them before any pixel is read."""
 
@@ -63,17 +57,16 @@ class Plan:
     exifs: list[Exif]
     times: Array  # of exposure, in seconds where EXIF tells them; NaN where unknown
     stops: Array  # relative to the first one that is known; NaN where unknown
-    problems: list[Problem]
+    problems: Problems
     notes: list[str]  # what is assumed, in sentences
     white_level: int | None = None  # of images of 16 bits, where it is not 65535
 
-    def without(self, problems: Sequence[Problem]) -> "Plan":
+    def without(self, problems: Problems) -> "Plan":
         """Return the plan without some photographs, and why."""
-        out = {problem.path for problem in problems}
-        keep = [i for i, pair in enumerate(self.pairs) if not {pair.jpeg, pair.raw} & out]
+        keep = [i for i, pair in enumerate(self.pairs) if not {pair.jpeg, pair.raw} & problems.keys()]
         pairs, exifs = [self.pairs[i] for i in keep], [self.exifs[i] for i in keep]
         times, stops = self.times[keep], _relative(self.stops[keep])
-        return replace(self, pairs=pairs, exifs=exifs, times=times, stops=stops, problems=[*self.problems, *problems])
+        return replace(self, pairs=pairs, exifs=exifs, times=times, stops=stops, problems=self.problems | problems)
 
     def table(self) -> str:
         """Return a line a photograph: its files, exposure time and, where it is known, stops."""
@@ -89,7 +82,7 @@ class Plan:
         )
 
 
-def pair_photographs(source: Source) -> tuple[list[Pair], list[Problem]]:
+def pair_photographs(source: Source) -> tuple[list[Pair], Problems]:
     """Pair RAW files with JPEGs (or other images) of the same name.
 
     Upper and lower case are the same, and so are the two names that Pixel phones give. Where a name occurs in several
@@ -107,21 +100,23 @@ def pair_photographs(source: Source) -> tuple[list[Pair], list[Problem]]:
     pairs : list of Pair
         Those of a folder in natural order (img9 before img10), files as given. Their names are as short as tells them
         apart: without the extension, with it, or with folders before it.
-    problems : list of Problem
+    problems : dict of Path to str
+        Files that are left out, and why.
     """
     groups: dict[str, list[Path]] = defaultdict(list)
-    problems: list[Problem] = []
+    problems: Problems = {}
     for path in list_photographs(source):
         if path.suffix.lower() in IMAGE_SUFFIXES | RAW_SUFFIXES:
             groups[_key(path)].append(path)
         else:
-            problems.append(_unknown_kind(path))
+            problems[path] = _unknown_kind(path)
     if any(_is_raw(path) for group in groups.values() for path in group):
         found = [_pair(paths) for group in groups.values() for paths in _by_folder(group)]
     else:
         found = [_alone(path, groups) for group in groups.values() for path in group]
     pairs = [each for each in found if isinstance(each, Pair)]
-    problems += [problem for each in found if not isinstance(each, Pair) for problem in each]
+    for each in found:
+        problems |= {} if isinstance(each, Pair) else each
     names = _names([pair.jpeg for pair in pairs])
     return [replace(pair, name=name) for pair, name in zip(pairs, names, strict=True)], problems
 
@@ -174,13 +169,13 @@ def _by_folder(paths: list[Path]) -> Iterable[list[Path]]:
     return [paths] if len(paths) == 2 and _is_raw(paths[0]) != _is_raw(paths[1]) else folders.values()
 
 
-def _alone(path: Path, groups: dict[str, list[Path]]) -> Pair | list[Problem]:
+def _alone(path: Path, groups: dict[str, list[Path]]) -> Pair | Problems:
     if (original := groups.get(_EDITED.sub("", _key(path)), [path])[0]) in groups[_key(path)]:
         return Pair("", path)
-    return [Problem(path, f"{path.name} is an edited copy of {original.name} by its name")]
+    return {path: f"{path.name} is an edited copy of {original.name} by its name"}
 
 
-def _pair(paths: list[Path]) -> Pair | list[Problem]:
+def _pair(paths: list[Path]) -> Pair | Problems:
     raws = [path for path in paths if _is_raw(path)]
     images = [path for path in paths if not _is_raw(path)]
     jpegs = [path for path in images if path.suffix.lower() in (".jpg", ".jpeg", ".jpe")]
@@ -188,10 +183,10 @@ def _pair(paths: list[Path]) -> Pair | list[Problem]:
         return Pair("", (images if len(images) == 1 else jpegs)[0], raws[0])
     if len(raws) > 1 or len(images) > 1:
         files = ", ".join(sorted(path.name for path in paths))
-        return [Problem(path, f"{path.name} has more than one partner among {files}") for path in paths]
+        return {path: f"{path.name} has more than one partner among {files}" for path in paths}
     if raws:
         return Pair("", raws[0], raws[0])
-    return [Problem(path, f"{path.name} has no RAW file of the same name") for path in paths]
+    return {path: f"{path.name} has no RAW file of the same name" for path in paths}
 
 
 def plan_photographs(
@@ -218,7 +213,7 @@ def plan_photographs(
             exifs.append(WORKER.run(read_exif, pair.jpeg, pair.raw))
         except FormatError as error:
             exifs.append(Exif())
-            problems.append(Problem(pair.jpeg, str(error)))
+            problems[pair.jpeg] = str(error)
     if times is None and not any(exif.exposure_time for exif in exifs):
         named = _named_times(pairs)
         if not np.isnan(named).any():
@@ -231,11 +226,11 @@ def plan_photographs(
     if white_level is None:
         white_level, guess = find_white_level([pair.jpeg for pair in pairs])
         notes = notes + guess
-    plan = Plan(pairs, exifs, times, stops, [], notes, white_level).without(problems)
+    plan = Plan(pairs, exifs, times, stops, {}, notes, white_level).without(problems)
     # With so few, what lies in folders beside the photographs may be what was meant.
     inner = [file for path in map(Path, given) if path.is_dir() and len(pairs) < 2 for file in sorted(path.iterdir())]
     passed = [path for path in inner if path not in files and path.name[0] != "."]
-    return plan.without([*_other_cameras(plan), *_copies(plan), *map(_unknown_kind, passed)])
+    return plan.without(_other_cameras(plan) | _copies(plan) | {path: _unknown_kind(path) for path in passed})
 
 
 def exposure_steps(exifs: Sequence[Exif]) -> Array:
@@ -265,31 +260,32 @@ def _constants(exifs: Sequence[Exif]) -> list[str]:
     ]
 
 
-def _other_cameras(plan: Plan) -> list[Problem]:
+def _other_cameras(plan: Plan) -> Problems:
     """Name the photographs of other cameras than the one with most."""
     models = Counter(exif.model for exif in plan.exifs if exif.model)
     most = max(models, key=models.__getitem__, default="")
     rest = f"and {models[most]} are by {most}; calibrate one camera"
     both = zip((pair.jpeg for pair in plan.pairs), plan.exifs, strict=True)
-    return [Problem(p, f"{p.name} is by {exif.model}, {rest}") for p, exif in both if exif.model not in (None, most)]
+    return {p: f"{p.name} is by {exif.model}, {rest}" for p, exif in both if exif.model not in (None, most)}
 
 
-def _copies(plan: Plan) -> list[Problem]:
+def _copies(plan: Plan) -> Problems:
     """Name the photographs that are copies of earlier ones, byte for byte, and would count twice."""
-    problems: list[Problem] = []
+    problems: Problems = {}
     alike: dict[tuple[int, str], list[Path]] = defaultdict(list)
     for path, stop in zip((pair.jpeg for pair in plan.pairs), plan.stops, strict=True):
         others = alike[path.stat().st_size, str(stop)]  # where other exposures are given, who knows
-        copied = [other.name for other in others if filecmp.cmp(other, path, shallow=False)]
-        problems += [Problem(path, f"{path.name} is a copy of {name}") for name in copied]
-        others += [] if copied else [path]
+        if original := next((other for other in others if filecmp.cmp(other, path, shallow=False)), None):
+            problems[path] = f"{path.name} is a copy of {original.name}"
+        else:
+            others.append(path)
     return problems
 
 
-def _unknown_kind(path: Path) -> Problem:
+def _unknown_kind(path: Path) -> str:
     if path.is_dir():
-        return Problem(path, f"{path.name} is a folder; give it by itself, or several cameras' folders with --each")
-    return Problem(path, f"{path.name} is neither RAW nor {IMAGES} by its extension")
+        return f"{path.name} is a folder; give it by itself, or several cameras' folders with --each"
+    return f"{path.name} is neither RAW nor {IMAGES} by its extension"
 
 
 def _given_times(exposures: Exposures, pairs: Sequence[Pair]) -> tuple[Array | None, list[str]]:
@@ -404,7 +400,7 @@ def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
 def read_planned(plan: Plan, read: Callable[[Path, int | None], Read]) -> tuple[list[Read], Plan]:
     """Read the images of a plan; what is a `FormatError`, not exposed as told or unlike most is left out and named."""
     images: dict[Path, Read] = {}
-    problems = []
+    problems: Problems = {}
     for pair, stop in zip(plan.pairs, plan.stops, strict=True):
         try:
             if np.isnan(stop):
@@ -412,11 +408,11 @@ def read_planned(plan: Plan, read: Callable[[Path, int | None], Read]) -> tuple[
                 raise FormatError(f"{pair.jpeg.name} does not tell its exposure; {give}")
             images[pair.jpeg] = WORKER.run(read, pair.jpeg, plan.white_level)
         except FormatError as error:
-            problems.append(Problem(pair.jpeg, str(error)))
+            problems[pair.jpeg] = str(error)
     kinds = {path: _kind(image) for path, image in images.items()}
     most = max(kinds.values(), key=list(kinds.values()).count, default="")
-    odd = [path for path, kind in kinds.items() if kind != most]
-    problems += [Problem(path, f"{path.name} is {kinds[path]}, and most are {most}; use one kind") for path in odd]
+    odd = {path: kind for path, kind in kinds.items() if kind != most}
+    problems |= {path: f"{path.name} is {kind}, and most are {most}; use one kind" for path, kind in odd.items()}
     kept = plan.without(problems)
     return [images[pair.jpeg] for pair in kept.pairs], kept
 
