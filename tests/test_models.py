@@ -25,7 +25,6 @@ from crfbench.models import (
     ModelKey,
     Polynomial,
     bundled_models,
-    ggcm,
     load_model,
     registry,
 )
@@ -225,30 +224,6 @@ def test_gamma_fit_is_the_global_optimum(direction):
     for curve, error in zip(curves, found, strict=True):
         best = differential_evolution(lambda p, c=curve: ((GRID ** p[0] - c) ** 2).mean(), [(0.01, 20)], seed=1)
         assert error <= best.fun + 1e-10
-
-
-def test_the_equations_of_ggcm_are_newtons():
-    """Gradient and Hessian of the sum of squares, by differences; for any curve the matrix stays positive."""
-    x, w, step = GRID[1:], np.array([1.2, 0.3, -0.2]), 1e-4
-    y, shifts = np.stack([x**1.3, x**1.25, 5 + x]), step * np.eye(3)
-
-    def cost(w, i):
-        return ((x ** (w[0] + w[1] * x + w[2] * x**2) - y[i]) ** 2).sum()
-
-    for i in range(3):
-        found, matrix, gradient = (each[0] for each in ggcm._objective(x, y, 3)(w[None], np.array([i])))
-        assert np.isclose(found, cost(w, i))
-        slope = [(cost(w + s, i) - cost(w - s, i)) / (2 * step) for s in shifts]
-        assert np.allclose(2 * gradient, slope, rtol=1e-5)
-        assert (np.linalg.eigvalsh(matrix) > 0).all()
-        bend = [
-            [
-                (cost(w + s + t, i) - cost(w + s - t, i) - cost(w - s + t, i) + cost(w - s - t, i)) / (4 * step**2)
-                for t in shifts
-            ]
-            for s in shifts
-        ]
-        assert np.allclose(2 * matrix, bend, rtol=1e-4) == (i < 2)
 
 
 @pytest.mark.parametrize(("make", "bounds"), [(GGCM, [(-3, 6)] * 3), (PPISP, [(-3, 3)] * 4)])

@@ -255,8 +255,10 @@ def refine(
     def objective(unconstrained: Array, rows: np.ndarray) -> tuple[Array, Array, Array]:
         params = model.from_unconstrained(unconstrained)
         values, jacobian = evaluate(params)
+        cost, normal, gradient = normal_equations(values - targets[owner[rows]], jacobian)
         # The chain rule: the search moves the unconstrained parameters.
-        return normal_equations(values - targets[owner[rows]], jacobian * model.unconstrained_slope(params)[:, None, :])
+        slope = model.unconstrained_slope(params)
+        return cost, normal * (slope[:, :, None] * slope[:, None]), gradient * slope
 
     ends, cost = levenberg_marquardt(objective, model.to_unconstrained(starts).reshape(n * s, k), max_steps)
     best = np.argmin(cost.reshape(n, s), axis=1)
