@@ -296,7 +296,7 @@ def test_linear_light_and_raw_are_both_exact():
     hard = dataclasses.replace(THREE, soft=0.0)
     np.testing.assert_allclose(linearise(image, hard), mixed, atol=1e-4)
     np.testing.assert_allclose(linearise(image, hard, to="camera"), raw, atol=1e-4)
-    assert linearise(image, hard, np.uint16, to="camera").dtype == np.uint16
+    assert linearise(image, hard, to="camera").dtype == np.float32
 
 
 @pytest.mark.parametrize(

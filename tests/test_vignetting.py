@@ -93,9 +93,6 @@ def test_linearising_divides_by_it():
     light = linearise(image, passport)
     np.testing.assert_allclose(linearise(image, passport, vignette=True), light / falloff()[..., None], rtol=1e-5)
     np.testing.assert_allclose(linearise(image[..., 0], passport, vignette=True), light[..., 0] / falloff(), rtol=1e-5)
-    assert linearise(np.full(SIZE, 255, np.uint8), passport, np.uint16, vignette=True).min() == 65535
-    with pytest.raises(InputError, match="dtype"):
-        linearise(image, passport, np.float64, vignette=True)
     for response in (GRID, Passport("inverse", GRID)):
         with pytest.raises(InputError, match="no vignetting"):
             linearise(image, response, vignette=True)

@@ -80,7 +80,7 @@ class ColourCalibration:
         return np.swapaxes(_brightness(self.curves, light), 1, 2)
 
 
-def to_raw(light: Array, matrix: Array, soft: ArrayLike) -> Array:
+def to_raw(light: NDArray[np.floating], matrix: Array, soft: ArrayLike) -> NDArray[Any]:
     """Return the RAW colours of light (..., m, 3) by M (..., 3, 3) and softness (...,).
 
     Colours far outside the gamut come back only as far as rounded light tells them.

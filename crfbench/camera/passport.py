@@ -7,7 +7,7 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Calibration
 from crfbench.calibration.colour import to_raw
@@ -226,10 +226,9 @@ def _check_created(created: str) -> None:
 def linearise(
     image: ArrayLike,
     response: Calibration | Passport | ArrayLike,
-    dtype: DTypeLike = np.float32,
     to: str = "light",
     vignette: bool = False,
-) -> NDArray[Any]:
+) -> NDArray[np.float32]:
     """Return the irradiance of an image: linear in light, 1 where the brightness is greatest.
 
     Parameters
@@ -239,25 +238,21 @@ def linearise(
         which the curve's ends hold. The three channels are red, green and blue.
     response : Calibration, Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
         Curves by themselves are inverse responses. One curve serves all channels.
-    dtype : {float32, uint16}
-        Of the result: irradiance in [0, 1], or 65535 times it, rounded.
     to : {"light", "camera"}
         Linear light of the image's own colours, or by the passport's matrix the camera's RAW.
     vignette : bool
-        Whether to divide by the passport's vignetting; what then exceeds 1 stays so in float32.
+        Whether to divide by the passport's vignetting; only then values may exceed 1.
 
     Returns
     -------
-    ndarray, shape of `image`
+    ndarray of float32, shape of `image`
 
     Examples
     --------
     >>> from crfbench.curves import GRID
-    >>> linearise(np.array([[0, 128, 255]], dtype=np.uint8), GRID**2, dtype=np.uint16).tolist()
-    [[0, 16513, 65535]]
+    >>> linearise(np.array([[0, 128, 255]], dtype=np.uint8), GRID**2).astype(float).round(3).tolist()
+    [[0.0, 0.252, 1.0]]
     """
-    if dtype not in (np.dtype(np.float32), np.dtype(np.uint16)):
-        raise InputError(f"dtype={dtype!r} is not known; use float32 or uint16")
     if isinstance(response, Calibration):
         response = repair(response.curves)
     if vignette:
@@ -265,12 +260,11 @@ def linearise(
             raise InputError("curves alone hold no vignetting; use a passport of a series calibrated with it")
         light = linearise(image, response, to=to)
         falloff = response.falloff(*light.shape[:2])
-        light = light / (falloff[..., None] if light.ndim == 3 else falloff)
-        return light if dtype == np.dtype(np.float32) else _quantised(light, np.dtype(dtype))
+        return light / (falloff[..., None] if light.ndim == 3 else falloff)
     if check_choice("to", to, ("light", "camera")) == "camera":
         if not isinstance(response, Passport) or response.matrix is None or response.soft is None:
             raise InputError("to='camera' needs a colour matrix; use the passport of a chart with RAW, or to='light'")
-        return _quantised(to_raw(linearise(image, response), response.matrix, response.soft), np.dtype(dtype))
+        return _unit(to_raw(linearise(image, response), response.matrix, response.soft))
     refuse_masked("image", image)
     pixels = np.asarray(image)
     curves = response.in_direction("inverse") if isinstance(response, Passport) else as_valid_curves(response)
@@ -281,17 +275,16 @@ def linearise(
     if len(curves) == 3 and pixels.ndim == 2:
         raise InputError(f"three curves do not match a grey image of shape {pixels.shape}; use one, or a colour image")
     if pixels.dtype in (np.uint8, np.uint16):
-        return _look_up(pixels, curves, np.dtype(dtype))
-    return _quantised(_interpolate(pixels, curves), np.dtype(dtype))
+        return _look_up(pixels, curves)
+    return _unit(_interpolate(pixels, curves))
 
 
-def _look_up(pixels: NDArray[Any], curves: Array, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _look_up(pixels: NDArray[Any], curves: Array) -> NDArray[np.float32]:
     """Look every pixel up in a table of all its possible values."""
     import cv2
 
-    table = _quantised(evaluate(curves, np.linspace(0.0, 1.0, np.iinfo(pixels.dtype).max + 1)), dtype)
-    result: NDArray[Any] = cv2.LUT(np.ascontiguousarray(pixels), np.ascontiguousarray(table.T[None]))
-    return result
+    table = _unit(evaluate(curves, np.linspace(0.0, 1.0, np.iinfo(pixels.dtype).max + 1)))
+    return np.asarray(cv2.LUT(np.ascontiguousarray(pixels), np.ascontiguousarray(table.T[None])), dtype=np.float32)
 
 
 def _interpolate(pixels: NDArray[Any], curves: Array) -> Array:
@@ -306,6 +299,5 @@ def _interpolate(pixels: NDArray[Any], curves: Array) -> Array:
     return evaluate(curves, pixels.reshape(-1, 3).T).T.reshape(pixels.shape)
 
 
-def _quantised(irradiance: Array, dtype: np.dtype[Any]) -> NDArray[Any]:
-    unit = np.clip(irradiance, 0.0, 1.0)  # a valid curve may leave [0, 1] by a rounding
-    return (np.rint(unit * 65535.0) if dtype == np.uint16 else unit).astype(dtype)
+def _unit(irradiance: Array) -> NDArray[np.float32]:
+    return np.clip(irradiance, 0.0, 1.0).astype(np.float32)  # a valid curve may leave [0, 1] by a rounding
