@@ -61,7 +61,7 @@ class TestContract:
         curves = known_curves(ready(name)[0], 8)
         reference, _, brightness = scene(curves)
         observations = unclipped(brightness, reference, reference_error=1e-3)
-        found = self.solve(name, method, observations, noise=SHARP, offset=False)
+        found = self.solve(name, method, observations, noise=SHARP)
         distance = shape_rmse(found, curves)
         assert np.abs(found.residuals).max() < 0.05
         if method == "discrepancy":  # which cannot know that the curve is exactly one of the family
@@ -197,20 +197,6 @@ def test_how_large_all_weights_are_does_not_matter_to_the_papers_loss(middlebury
     few = (Observations(middlebury[:3], REFERENCE_IRRADIANCE, weights=w * np.linspace(1, 2, 24)) for w in (1e-3, 1.0))
     first, second = (calibrate(model, each, method, table=table) for each in few)
     np.testing.assert_allclose(first.params, second.params, rtol=1e-9)
-
-
-@pytest.mark.parametrize("method", ["grid", pytest.param("paper", marks=pytest.mark.slow)])
-def test_photographs_are_aligned_as_asked(middlebury, method):
-    model, table = ready("SLR-ldl-1")
-    few, each = Observations(middlebury[:3], REFERENCE_IRRADIANCE), np.arange(3)
-    free = {
-        offset: model.to_unconstrained(calibrate(model, few, method, offset=offset, table=table).params)
-        for offset in (True, False)
-    }
-    for asked, other in ((True, False), (False, True)):
-        loss = AlignedLoss(few, asked)
-        best, worse = (np.linalg.norm(loss.evaluate(model, free[key], each)[0], axis=1) for key in (asked, other))
-        assert best.sum() < 0.99 * worse.sum()
 
 
 @pytest.mark.parametrize("method", ["lm", "map"])
@@ -544,31 +530,27 @@ def random_observations(draw):
 noises = st.builds(Noise, st.sampled_from([1e-5, 0.02, 1.0]), st.sampled_from([1e-4, 0.1, 10.0]))
 
 
-anything = given(
-    random_observations(), st.sampled_from([*MODELS, "SLR-open-1"]), st.sampled_from(METHODS), noises, st.booleans()
-)
+anything = given(random_observations(), st.sampled_from([*MODELS, "SLR-open-1"]), st.sampled_from(METHODS), noises)
 
 
 @settings(max_examples=25)
 @anything
-def test_any_observations_give_finite_results_or_an_error_of_ours(given, which, method, noise, offset):
-    check_any(given, which, method, noise, offset)
+def test_any_observations_give_finite_results_or_an_error_of_ours(given, which, method, noise):
+    check_any(given, which, method, noise)
 
 
 @pytest.mark.slow
 @settings(max_examples=200)
 @anything
-def test_many_observations_give_finite_results_or_an_error_of_ours(given, which, method, noise, offset):
-    check_any(given, which, method, noise, offset)
+def test_many_observations_give_finite_results_or_an_error_of_ours(given, which, method, noise):
+    check_any(given, which, method, noise)
 
 
-def check_any(given, which, method, noise, offset):
+def check_any(given, which, method, noise):
     model, table = ready(which)
     brightness, others = given
     try:
-        found = calibrate(
-            model, Observations(brightness, **others), method, noise=noise, table=table, offset=offset, starts=1
-        )
+        found = calibrate(model, Observations(brightness, **others), method, noise=noise, table=table, starts=1)
     except CrfbenchError:
         return
     for values in (found.params, found.curves, found.residuals, found.brightness_range, found.responses):

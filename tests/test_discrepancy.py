@@ -63,7 +63,8 @@ ALL_COUNT = Noise(repeats=1.0)
 
 @pytest.fixture
 def narrower(monkeypatch):
-    monkeypatch.setattr(mixtures, "_UNKNOWN", WIDE)
+    monkeypatch.setattr(mixtures, "UNKNOWN", WIDE)
+    monkeypatch.setattr("crfbench.calibration.observations.UNKNOWN", WIDE)
     monkeypatch.setattr(mixtures, "_BELOW_WHITE", ())
 
 

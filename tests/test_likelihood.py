@@ -35,28 +35,27 @@ def observed(rng, known=("reference",), n=1, e=3, p=6, clipped=0.0, darkest=0.05
 # --- the paper's loss
 
 
-def loss_by_lstsq(curve, brightness, reference, weights, offset):
+def loss_by_lstsq(curve, brightness, reference, weights):
     """The paper's loss, photograph by photograph."""
     squares = []
     for b, w in zip(brightness, weights, strict=True):
         g = np.interp(b, GRID, curve)
-        columns = np.stack([g, np.ones_like(g)], axis=1)[:, : 1 + offset] * np.sqrt(w)[:, None]
+        columns = np.stack([g, np.ones_like(g)], axis=1) * np.sqrt(w)[:, None]
         fit = np.linalg.lstsq(columns, np.sqrt(w) * reference)[0]
         squares.append(((np.sqrt(w) * reference - columns @ fit) ** 2).sum() / w.sum())
     return np.linalg.norm(squares)
 
 
-@pytest.mark.parametrize("offset", [True, False])
 @pytest.mark.parametrize("name", ["SLR-ldl-1", "GGCM-3"])
-def test_the_papers_loss_is_least_squares_in_each_photograph(name, offset):
+def test_the_papers_loss_is_least_squares_in_each_photograph(name):
     model, table = ready(name)
     observations = observed(np.random.default_rng(0), n=3)
-    loss = AlignedLoss(observations, offset)
+    loss = AlignedLoss(observations)
     on_table = loss.on_table(table)
     for i in range(3):
         rows = np.random.default_rng(i).integers(0, len(table.unconstrained), 5)
         curves = model.decode(table.params[rows])
-        given = observations.brightness[i], observations.reference[i], observations.weights[i], offset
+        given = observations.brightness[i], observations.reference[i], observations.weights[i]
         expected = [loss_by_lstsq(curve, *given) for curve in curves]
         polished = np.linalg.norm(loss.evaluate(model, table.unconstrained[rows], np.full(5, i))[0], axis=1)
         assert np.allclose(polished, expected, rtol=1e-9)
@@ -87,10 +86,9 @@ class TestGradients:
         model, _ = ready(name)
         return model, 0.5 * model.prior_.sample(5, seed=2) + 0.5 * model.prior_.mean
 
-    @pytest.mark.parametrize("offset", [True, False])
-    def test_of_the_papers_loss(self, name, offset):
+    def test_of_the_papers_loss(self, name):
         model, free = self.drawn(name)
-        loss = AlignedLoss(observed(np.random.default_rng(3)), offset)
+        loss = AlignedLoss(observed(np.random.default_rng(3)))
         owner = np.zeros(5, dtype=int)
         mse, gradient, _ = loss.evaluate(model, free, owner)
         for photograph in range(mse.shape[1]):
@@ -140,21 +138,19 @@ class TestCurvature:
         reference, exposures, brightness = scene(model.decode(free[None]))
         return model, free, (brightness, reference, exposures)
 
-    @pytest.mark.parametrize("offset", [True, False])
-    def test_of_the_papers_loss_at_a_perfect_fit(self, perfect, offset):
+    def test_of_the_papers_loss_at_a_perfect_fit(self, perfect):
         model, free, (brightness, reference, _) = perfect
         weights = np.random.default_rng(1).uniform(0.5, 2, 10)
-        loss = AlignedLoss(unclipped(brightness, reference, weights=weights), offset)
+        loss = AlignedLoss(unclipped(brightness, reference, weights=weights))
         mse, _, half = loss.evaluate(model, free[None], ROW)
         assert mse.max() < 1e-20
         numeric = self.slopes(lambda z: loss.evaluate(model, z[None], ROW)[1][0], free)
         assert np.allclose(2 * half[0], numeric, rtol=1e-4, atol=1e-6 * np.abs(numeric).max())
 
-    @pytest.mark.parametrize("offset", [True, False])
-    def test_of_the_square_of_the_papers_loss_near_a_perfect_fit(self, perfect, offset):
+    def test_of_the_square_of_the_papers_loss_near_a_perfect_fit(self, perfect):
         model, free, (brightness, reference, _) = perfect
         nearly = reference * np.exp(1e-4 * np.random.default_rng(3).normal(size=reference.shape))
-        objective = AlignedLoss(unclipped(brightness, nearly), offset).objective(model)
+        objective = AlignedLoss(unclipped(brightness, nearly)).objective(model)
         numeric = self.slopes(lambda z: objective(z[None], ROW)[2][0], free, step=1e-7)
         assert np.allclose(objective(free[None], ROW)[1][0], numeric, atol=0.01 * np.abs(numeric).max())
 

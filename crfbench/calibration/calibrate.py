@@ -12,7 +12,7 @@ from crfbench.calibration.paper_loss import AlignedLoss, descend
 from crfbench.calibration.posterior import Likelihood, Noise, Posterior, PosteriorSamples, drawn_samples, exact_samples
 from crfbench.calibration.table import Table, check_kind, decode_table, minimise
 from crfbench.checks import check_choice, check_count, check_seed
-from crfbench.curves import GRID, Array, evaluate, invert, repair
+from crfbench.curves import GRID, Array, invert, repair
 from crfbench.errors import InputError
 from crfbench.models import ResponseModel
 from crfbench.models.registry import ModelKey, channel_difference
@@ -98,9 +98,8 @@ class Calibration:
 
     def _residual(self, noise: Noise) -> tuple[Likelihood, Array, Array]:
         """Return the likelihood, the residuals (n, e, p, 1), and the exposures (n, e, 1) that fit them best."""
-        likelihood, brightness = Likelihood(self.observations, noise), self.observations.brightness
-        g = evaluate(self.curves, brightness.reshape(len(self), -1)).reshape(*brightness.shape, 1)
-        d = likelihood.residual(g, slice(None))
+        likelihood = Likelihood(self.observations, noise)
+        d = likelihood.residual(self.observations.decoded(self.curves)[..., None], slice(None))
         return likelihood, d, likelihood.squares(d, slice(None))[1]
 
     @property
@@ -133,7 +132,6 @@ def calibrate(
     discrepancy: bool = True,
     channels: bool = False,
     noise: Noise | None = None,
-    offset: bool = True,
     starts: int = 10,
     seed: int = 0,
     table: Table | None = None,
@@ -159,8 +157,6 @@ def calibrate(
         not tell apart; for "map" and "posterior" with discrepancy.
     noise : Noise, optional
         For "map" and "posterior".
-    offset : bool
-        Whether the paper's loss aligns each photograph by scale and offset, as in the paper, or by scale alone.
     starts : int
         Random starts of "paper".
     seed : int
@@ -180,9 +176,9 @@ def calibrate(
     began = time.perf_counter()
     scale = samples = curves = None
     if method == "paper":
-        z = descend(AlignedLoss(observations, offset), model, starts, seed)
+        z = descend(AlignedLoss(observations), model, starts, seed)
     elif method in ("grid", "lm"):
-        loss, table = AlignedLoss(observations, offset), table or decode_table(model, seed=seed)
+        loss, table = AlignedLoss(observations), table or decode_table(model, seed=seed)
         z = minimise(loss.objective(model), table, loss.on_table(table))
     elif discrepancy:
         table = table or decode_table(model, seed=seed)

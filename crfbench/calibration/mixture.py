@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import log_ndtr, logsumexp
 
-from crfbench.calibration.observations import Observations
+from crfbench.calibration.observations import UNKNOWN, Observations
 from crfbench.calibration.posterior import Noise, Posterior, PosteriorSamples, degrees, log_offset, told_by_clipping
 from crfbench.calibration.table import BAND_SAMPLES, N_NEARBY, Table, chunks, learned_prior, minimise, rows_near
 from crfbench.curves import Array
@@ -45,7 +45,6 @@ from crfbench.models.base import SCALES, Discrepancy, at_knots, between_knots, f
 
 Indices = NDArray[np.intp]
 
-_UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 # Chosen by held-out DoRF curves: the standard deviation of log irradiance with which white is told, and the knots, at
 # brightness 0.86 and 0.93, that are told to have less.
 _WHITE, _BELOW_WHITE = 0.06, (50, 54)
@@ -208,12 +207,9 @@ class Readings:
         Errors of exposures that grow with the exposure are a power of the curve, which the noise of the readings would
         shrink without end (errors in variables): so the power is known to `_POWER` by itself.
         """
-        o, e = self.observations, self.precision.shape[1]
-        sigma = _UNKNOWN if o.exposures is None else ratio * self.noise.exposure * np.log(2)
-        prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
-        if o.absolute:
-            prior = prior + np.full((e, e), 1.0 / e) / sigma**2
-        if o.exposures is None or e == 1:
+        o = self.observations
+        prior = o.exposure_precision(ratio * self.noise.exposure)
+        if o.exposures is None or len(prior) == 1:
             return prior[None]
         trend = o.exposures - o.exposures.mean(axis=1, keepdims=True)
         along = trend / np.maximum(np.sqrt((trend**2).sum(axis=1, keepdims=True)), 1e-6)
@@ -237,7 +233,7 @@ class Readings:
         n, e, p = w.shape
         k = by_patch.shape[-1]
         error = ratio * self.observations.reference_error
-        errors = error**2 if self.observations.reference is not None else np.full((n, p), _UNKNOWN**2)
+        errors = error**2 if self.observations.reference is not None else np.full((n, p), UNKNOWN**2)
         prior = self.exposure_prior(ratio)
         share = 1.0 / (w.sum(axis=1) + 1.0 / errors)
         along = self.reference_power

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from crfbench.checks import as_finite
-from crfbench.curves import Array
+from crfbench.curves import Array, evaluate
 from crfbench.errors import InputError
 
 #: Brightness at which 8-bit JPEG counts as saturated; 0 counts as black.
@@ -15,6 +15,8 @@ SATURATED = 254 / 255
 
 #: Relative standard deviation of a reference value that comes from a printed chart under real light.
 REFERENCE_ERROR = 0.05
+
+UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 
 _GAMMA = 2.2  # of a typical response; tells how an uneven colour shifts a mean of brightnesses
 _MOST = 1e6  # observations that one patch may count for
@@ -96,6 +98,19 @@ class Observations:
     def counts(self) -> NDArray[np.bool_]:
         """Which observations are measurements: neither clipped nor left out; shape (n, e, p)."""
         return (self.weights > 0) & ~self.clipped
+
+    def decoded(self, curves: Array) -> Array:
+        """Return the irradiance of each observation by the curve (n, 1024) of its set, shape (n, e, p)."""
+        return evaluate(curves, self.brightness.reshape(len(self), -1)).reshape(self.brightness.shape)
+
+    def exposure_precision(self, error: float) -> Array:
+        """Return the precision of log exposures that err by so many stops, before any data, (e, e).
+
+        Unless the reference is absolute, only their differences are known.
+        """
+        sigma, e = UNKNOWN if self.exposures is None else error * np.log(2), self.brightness.shape[1]
+        mean = np.full((e, e), 1.0 / e)
+        return np.asarray((np.eye(e) - mean + self.absolute * mean) / sigma**2 + np.eye(e) / UNKNOWN**2)
 
     @classmethod
     def from_rgb(cls, rgb: ArrayLike, reference: ArrayLike | None = None, **others: Any) -> Self:

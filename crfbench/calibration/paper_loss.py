@@ -3,7 +3,7 @@
     MSE_e = min over a_e, b_e of mean_p (r_p - a_e g(b_ep) - b_e)^2,    loss = sqrt(sum_e MSE_e^2)
 
 in squared units of the reference, for patch p in photograph e. The minimum over a and b is taken in closed form, so
-that the loss and its derivatives depend on the parameters alone. With `offset` False, b_e = 0: dark is zero.
+that the loss and its derivatives depend on the parameters alone.
 """
 
 import numpy as np
@@ -19,19 +19,16 @@ _TINY = 1e-12  # variance of decoded irradiance below which a curve is flat
 
 
 class AlignedLoss:
-    """The loss of `n` sets of observations with a reference; clipped patches count as in the paper, like any other.
+    """The loss of `n` sets of observations with a reference; clipped patches count as in the paper, like any other."""
 
-    Without `offset` each photograph is aligned by scale alone.
-    """
-
-    def __init__(self, observations: Observations, offset: bool = True) -> None:
+    def __init__(self, observations: Observations) -> None:
         if observations.reference is None:
             raise InputError("the aligned loss compares with a reference and the observations have none; use 'map'")
-        self.brightness, self.offset = observations.brightness, offset
+        self.brightness = observations.brightness
         total = observations.weights.sum(axis=2, keepdims=True)
         self.weights = observations.weights / np.where(total > 0, total, 1.0)
         reference = np.broadcast_to(observations.reference[:, None], self.brightness.shape)
-        self.reference = self._centre(reference[..., None], self.weights[..., None])[..., 0]
+        self.reference = _centred(reference[..., None], self.weights[..., None])[..., 0]
         self.power = (self.weights * self.reference**2).sum(axis=2)
 
     def on_table(self, table: Table) -> Array:
@@ -42,8 +39,7 @@ class AlignedLoss:
     def _on_table(self, table: Table, sets: slice) -> Array:
         g = table.at(self.brightness[sets])
         w = self.weights[sets].astype(np.float32)[:, :, None]
-        if self.offset:
-            g -= w @ g  # first, because single precision loses the difference of two mean squares
+        g -= w @ g  # first, because single precision loses the difference of two mean squares
         reference, power = self.reference[sets], self.power[sets]
         unit = np.sqrt(power.max(axis=1))  # so that the reference's own unit never leaves single precision
         unit[unit == 0] = 1.0
@@ -58,7 +54,7 @@ class AlignedLoss:
         """Return the MSE of each photograph (m, e), its gradient (m, e, k), and half its Gauss-Newton Hessian."""
         w = self.weights[sets][..., None]
         g, slope = evaluate_with_gradient(model, z, self.brightness[sets])
-        g, slope = self._centre(g[..., None], w), self._centre(slope, w)
+        g, slope = _centred(g[..., None], w), _centred(slope, w)
         square = np.maximum((w * g * g).sum(axis=2), _TINY)
         scale = (w * g * self.reference[sets][..., None]).sum(axis=2) / square
         residual = self.reference[sets][..., None] - scale[:, :, None] * g
@@ -85,9 +81,10 @@ class AlignedLoss:
         value = np.sqrt((mse**2).sum(axis=1))
         return value, np.einsum("me,mek->mk", mse, gradient) / np.maximum(value, 1e-300)[:, None]
 
-    def _centre(self, values: Array, weights: Array) -> Array:
-        """Subtract the mean over the patches from values (m, e, p, k), where there is an offset to align."""
-        return values - (weights * values).sum(axis=2, keepdims=True) if self.offset else values
+
+def _centred(values: Array, weights: Array) -> Array:
+    """Subtract the mean over the patches from values (m, e, p, k), which aligns the offset."""
+    return values - (weights * values).sum(axis=2, keepdims=True)
 
 
 def descend(

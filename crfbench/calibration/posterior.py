@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp, softmax
 
-from crfbench.calibration.observations import Observations
+from crfbench.calibration.observations import UNKNOWN, Observations
 from crfbench.calibration.table import BAND_SAMPLES, Table, chunks, evaluate_with_gradient, learned_prior
 from crfbench.checks import check_number
 from crfbench.curves import GRID, Array, evaluate
@@ -16,7 +16,6 @@ from crfbench.numerics import Objective
 DARKEST = 1e-4  # irradiance below which the logarithm is held
 
 _GAMMA = 2.2  # slope of log irradiance over log brightness, of a typical response
-_UNKNOWN = 1e3  # standard deviation, in log units, of what is not known at all
 _LEAST = 1e-6  # standard deviation; sums over known and unknown lose no digits that count
 _SHARPEST = 1e8  # precision of one log irradiance, for the same reason
 
@@ -61,18 +60,15 @@ class Likelihood:
         self.variance = noise.relative(observations.brightness) ** 2
         self.precision = counts * np.minimum(observations.weights / self.variance, _SHARPEST)
         known = observations.reference is not None
-        self.error = np.clip(observations.reference_error, _LEAST, _UNKNOWN) if known else _UNKNOWN
+        self.error = np.clip(observations.reference_error, _LEAST, UNKNOWN) if known else UNKNOWN
         self.offset = log_offset(observations)
         # Variance that is left of each patch's reference error u_p once its photographs have been seen.
         self._share = 1.0 / (self.precision.sum(axis=1) + np.broadcast_to(self.error, self.precision[:, 0].shape) ** -2)
-        sigma = _UNKNOWN if observations.exposures is None else noise.exposure * np.log(2)
-        e = self.precision.shape[1]
-        # Unless the reference is absolute, only the differences of the exposures are known to `sigma`.
-        self._prior = (np.eye(e) - 1.0 / e) / sigma**2 + np.eye(e) / _UNKNOWN**2
-        if observations.absolute:
-            self._prior += np.full((e, e), 1.0 / e) / sigma**2
+        self._prior = observations.exposure_precision(noise.exposure)
         weighted = self.precision * self._share[:, None]
-        own = np.eye(e) * self.precision.sum(axis=2)[:, None] - weighted @ np.swapaxes(self.precision, 1, 2)
+        own = np.eye(len(self._prior)) * self.precision.sum(axis=2)[:, None] - weighted @ np.swapaxes(
+            self.precision, 1, 2
+        )
         self._inverse = np.linalg.inv(own + self._prior)
         self.freedom = np.maximum(degrees(observations), 1.0)
 
@@ -175,7 +171,7 @@ class Posterior:
     """
 
     def __init__(self, observations: Observations, noise: Noise) -> None:
-        self.brightness = observations.brightness
+        self.observations, self.brightness = observations, observations.brightness
         self.likelihood, self.noise = Likelihood(observations, noise), noise
         self.power = noise.independent * self.likelihood.freedom + noise.freedom
 
@@ -209,8 +205,7 @@ class Posterior:
 
     def noise_scale(self, model: ResponseModel, z: Array) -> Array:
         """Return by which factor the data scale the stated noise, shape (n,), given parameters (n, k)."""
-        g = evaluate(model.decode(model.from_unconstrained(z)), self.brightness.reshape(len(z), -1))
-        g = g.reshape(self.brightness.shape)
+        g = self.observations.decoded(model.decode(model.from_unconstrained(z)))
         squares, _ = self.likelihood.squares(self.likelihood.residual(g[..., None], _EVERY), _EVERY)
         freedom = self.noise.independent * self.likelihood.freedom
         expected = self.noise.freedom + self.noise.independent * squares[:, 0]
