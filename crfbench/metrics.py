@@ -3,9 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from crfbench.checks import as_finite, as_numbers, check_number
+from crfbench.checks import as_finite, as_numbers
 from crfbench.curves import Array
 from crfbench.errors import InputError
+
+_TOLERANCE = 1e-9  # of rounding
 
 
 def mse(a: ArrayLike, b: ArrayLike) -> Array:
@@ -59,15 +61,15 @@ def total_variance(curves: ArrayLike) -> float:
     return float(np.var(_batch(curves), axis=0).sum())
 
 
-def nonmonotone(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
-    """Say of each curve (n, m) whether it falls anywhere by more than `tolerance`; shape (n,), bool."""
-    return np.asarray((np.diff(_batch(curves), axis=-1) < -check_number("tolerance", tolerance, 0.0)).any(axis=-1))
+def nonmonotone(curves: ArrayLike) -> np.ndarray:
+    """Say of each curve (n, m) whether it falls anywhere by more than 1e-9; shape (n,), bool."""
+    return np.asarray((np.diff(_batch(curves), axis=-1) < -_TOLERANCE).any(axis=-1))
 
 
-def out_of_range(curves: ArrayLike, tolerance: float = 1e-9) -> np.ndarray:
-    """Say of each curve (n, m) whether it leaves [0, 1] by more than `tolerance`; shape (n,), bool."""
-    batch, tolerance = _batch(curves), check_number("tolerance", tolerance, 0.0)
-    return np.asarray(((batch < -tolerance) | (batch > 1.0 + tolerance)).any(axis=-1))
+def out_of_range(curves: ArrayLike) -> np.ndarray:
+    """Say of each curve (n, m) whether it leaves [0, 1] by more than 1e-9; shape (n,), bool."""
+    batch = _batch(curves)
+    return np.asarray(((batch < -_TOLERANCE) | (batch > 1.0 + _TOLERANCE)).any(axis=-1))
 
 
 def _batch(curves: ArrayLike) -> Array:

@@ -65,8 +65,8 @@ ARRAYS = {
 
 #: Takes a number, 0 or more.
 TOLERANCES = {
-    "nonmonotone tolerance": lambda tolerance: metrics.nonmonotone(GRID, tolerance),
-    "out_of_range tolerance": lambda tolerance: metrics.out_of_range(GRID, tolerance),
+    "as_valid_curves tolerance": lambda tolerance: curves.as_valid_curves(GRID, tolerance),
+    "near_copies tolerance": lambda tolerance: near_copies([GRID], tolerance),
 }
 
 #: Takes a whole number as its one argument; 0 is none of them.

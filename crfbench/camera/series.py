@@ -3,7 +3,7 @@
 What a series is calibrated from are small flat blocks of the photographs that cover the brightness range.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from crfbench.calibration import Calibration, Noise, Observations, calibrate, decode_table
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.reading import read_levels, reduced
-from crfbench.checks import as_numbers, check_count, check_seed, refuse_masked
+from crfbench.checks import as_numbers, check_seed, refuse_masked
 from crfbench.curves import GRID, Array, evaluate
 from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
@@ -27,6 +27,7 @@ Image = NDArray[Any]
 _STOPS = 60.0  # between least and greatest exposure; more cannot be one camera's
 _SIDE = 5  # pixels of a block along each side
 _MOST_BLOCKS = 2**16  # of a channel that are looked at, evenly over the photograph
+_BLOCKS = 256  # of a set
 _MOST_CELLS = 2**15  # blocks times photographs of a set; a calibration needs memory for 60 numbers each
 _STRATA = 32  # of equal width in brightness
 _FLATTEST = 0.25  # share of a stratum that is drawn from
@@ -143,7 +144,6 @@ def calibrate_series(
     model: ResponseModel | None = None,
     method: str = "posterior",
     *,
-    n: int = 256,
     seed: int = 0,
     per_channel: bool = True,
     exposure_error: float = EXACT,
@@ -160,32 +160,30 @@ def calibrate_series(
         photographs as well, it is the one most usual in curves of the model, and the band holds the others.
     model, method
         As in `crfbench.calibrate`, with "posterior" or "map"; by default `crfbench.models.DEFAULT_MODEL`.
-    n, seed, per_channel
+    seed, per_channel
         As in `sample_series`.
     exposure_error : float
         Standard deviation of each exposure in stops. Times as a camera names them, 1/60 for 1/64, call for 0.05.
     """
-    images = _as_reduced(images)
-    model = model or load_model(DEFAULT_MODEL)
+    images, model = _as_reduced(images), model or load_model(DEFAULT_MODEL)
+    fit = partial(_from_exposures, images, model, method, seed, per_channel)
     if exposures is None:
-        return _estimated(images, model, method, n, seed, per_channel)
-    found = _from_exposures(images, exposures, model, method, n, seed, per_channel, exposure_error)
-    return with_contradictions(found, _names(images))
+        return _estimated(images, model, seed, fit)
+    return with_contradictions(fit(exposures, exposure_error), _names(images))
 
 
 def _from_exposures(
     images: Sequence[Reduced],
-    exposures: ArrayLike,
     model: ResponseModel,
     method: str,
-    n: int,
     seed: int,
     per_channel: bool,
-    exposure_error: float,
+    exposures: ArrayLike,
+    error: float,
 ) -> Calibration:
-    """Calibrate a series of exposures that are given, as `calibrate_series` does."""
-    observations = sample_series(images, exposures, n=n, seed=seed, per_channel=per_channel)
-    noise = Noise(_READING, exposure_error, fine=_FINE, repeats=1.0)
+    """Calibrate a series of exposures that are given and err by so many stops, as `calibrate_series` does."""
+    observations = sample_series(images, exposures, seed=seed, per_channel=per_channel)
+    noise = Noise(_READING, error, fine=_FINE, repeats=1.0)
     channels = len(observations) == 3
     # How much the blocks tell, channels by themselves say as well, and sooner.
     alone = partial(calibrate, model, noise=noise, seed=seed, table=decode_table(model, seed=seed))
@@ -227,16 +225,19 @@ def _moved(found: Calibration) -> NDArray[np.bool_]:
 
 
 def _estimated(
-    images: Sequence[Reduced], model: ResponseModel, method: str, n: int, seed: int, per_channel: bool
+    images: Sequence[Reduced], model: ResponseModel, seed: int, fit: Callable[[Array, float], Calibration]
 ) -> Calibration:
-    """Calibrate a series whose exposures nobody told: curve and exposures come from the photographs, up to a power."""
+    """Calibrate a series whose exposures nobody told: curve and exposures come from the photographs, up to a power.
+
+    `fit` takes exposures, and by how many stops they err.
+    """
     order = np.argsort(np.argsort([image.mean for image in images], kind="stable")).astype(np.float64)
-    free = _from_exposures(images, order, model, method, n, seed, per_channel, _FREE)
+    free = fit(order, _FREE)
     middle = (GRID > 0.1) & (GRID < 0.9)
     both = (model.decode(model.sample(256, seed)), free.curves)
     usual, ours = (np.log(np.maximum(curves[:, middle], _LEAST)).mean(axis=1) for curves in both)
     stops = usual.mean() / ours.mean() * (order + np.median(free.exposure_errors, axis=0))
-    found = _from_exposures(images, stops, model, method, n, seed, per_channel, EXACT)
+    found = fit(stops, EXACT)
     power = usual.std() / abs(usual.mean())
     logs, bands = np.log(np.maximum(found.curves, _LEAST)), {}
     for level, band in found.bands.items():  # an uncertain power widens them in log irradiance
@@ -345,12 +346,7 @@ def _weighted(observations: Observations, share: Array, light: NDArray[np.bool_]
 
 
 def sample_series(
-    images: Sequence[ArrayLike | Reduced],
-    exposures: ArrayLike,
-    *,
-    n: int = 256,
-    seed: int = 0,
-    per_channel: bool = False,
+    images: Sequence[ArrayLike | Reduced], exposures: ArrayLike, *, seed: int = 0, per_channel: bool = False
 ) -> Observations:
     """Choose blocks of a series and return their brightness, ready to calibrate from.
 
@@ -360,7 +356,7 @@ def sample_series(
     misaligned by a pixel still show the same. Where a block is partly clipped, it counts for nothing in that exposure.
 
     `images`, (h, w) or (h, w, 3), of 8 or 16 bits, show one static scene; or they are what `reduce_image` gives of
-    them. `exposures` (e,) are in stops. Of more than 128 photographs fewer than `n` blocks a set are chosen.
+    them. `exposures` (e,) are in stops. A set has 256 blocks, or fewer of more than 128 photographs.
 
     With `per_channel` each channel makes a set of its own, else all of them together one, as of a camera with one
     response for all. Means over channels are not taken: a response is nonlinear, so the mean of its values is not its
@@ -368,7 +364,7 @@ def sample_series(
     """
     every = [image.blocks for image in _as_reduced(images)]
     stops = as_stops(exposures, len(every))
-    n = min(check_count("n", n, _STRATA), max(_STRATA, _MOST_CELLS // len(every)))
+    n = min(_BLOCKS, max(_STRATA, _MOST_CELLS // len(every)))
     channels = range(every[0].shape[1])
     groups = [[c] for c in channels] if per_channel else [list(channels)]
     rng = np.random.default_rng(check_seed(seed))

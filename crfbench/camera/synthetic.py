@@ -15,6 +15,7 @@ from crfbench.files import bundled
 EXAMPLE_FOLDER = bundled("data/synthetic_camera")
 
 _REGIONS = 80
+_FULL_WELL, _READ_NOISE = 20_000.0, 0.001  # electrons; of full scale
 _SHADING, _COLOUR = 1.0, 0.3  # natural logarithms: of the smooth change inside regions, and between channels
 
 
@@ -34,23 +35,18 @@ def render_series(
     size: tuple[int, int] = (480, 320),
     stops: Sequence[float] = (-2.0, -1.0, 0.0, 1.0, 2.0),
     decades: float = 3.5,
-    full_well: float = 20_000.0,
-    read_noise: float = 0.001,
 ) -> ExposureSeries:
     """Photograph random regions of smooth shading and moderate colour, whose radiance spans some decades.
 
     `response` (1024,) maps irradiance to brightness in all channels; `seed` chooses the scene and the noise; `size` is
-    width and height in pixels. The middle of the `stops` shows the brightest region just at full scale. `full_well` are
-    electrons at full scale, for photon noise of the variance irradiance / full_well; `read_noise` is in units of full
-    scale.
+    width and height in pixels. The middle of the `stops` shows the brightest region just at full scale. Photon noise
+    is that of 20 000 electrons at full scale; read noise is 0.001 of it.
     """
     if not isinstance(size, Sequence) or len(size) != 2:
         raise InputError(f"size={size!r} has the wrong shape; use width and height in pixels")
     for side in size:
         check_count("size", side)
     check_number("decades", decades, 0.0, 12.0)
-    check_number("full_well", full_well, 1.0)
-    check_number("read_noise", read_noise, 0.0, 1.0)
     curve = as_valid_curves(response)[0]
     rng = np.random.default_rng(check_seed(seed))
     exposures = as_finite("stops", stops)
@@ -59,7 +55,7 @@ def render_series(
     radiance = _radiance(rng, size, decades) * 2.0 ** -(exposures.min() + exposures.max())
     images = []
     for light in 2.0 ** exposures[:, None, None, None] * radiance:
-        noise = rng.standard_normal(light.shape) * np.sqrt(light / full_well + read_noise**2)
+        noise = rng.standard_normal(light.shape) * np.sqrt(light / _FULL_WELL + _READ_NOISE**2)
         levels = 255.0 * evaluate(curve, (light + noise).ravel())
         images.append(np.rint(levels).astype(np.uint8).reshape(light.shape))
     return ExposureSeries(tuple(images), exposures, radiance)
