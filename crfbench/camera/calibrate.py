@@ -190,10 +190,7 @@ def _from_chart(
         calibration = with_contradictions(calibration, [pair.jpeg.name for pair in used.pairs])
     else:
         calibration = colour.calibration
-    passport, photographs = _passport(calibration, key, used, created, colour), {p.name: p.jpeg for p in used.pairs}
-    return CameraCalibration(
-        passport, calibration, photographs, used.problems, patches, measured, notes=plan.notes, colour=colour
-    )
+    return _result(calibration, key, used, created, plan.notes, colour=colour, patches=patches, measured=measured)
 
 
 def _from_pairs(plan: Plan, key: ModelKey, rgb: bool, created: str, say: Callable[[str], object]) -> CameraCalibration:
@@ -205,10 +202,7 @@ def _from_pairs(plan: Plan, key: ModelKey, rgb: bool, created: str, say: Callabl
     found, odd, note = calibrate_pairs(measured, key.load())
     say(note)
     used = plan.without(problems | odd)
-    passport = _passport(found.calibration, key, used, created, found)
-    photographs = {pair.name: pair.jpeg for pair in used.pairs}
-    notes = [*plan.notes, note]
-    return CameraCalibration(passport, found.calibration, photographs, used.problems, notes=notes, colour=found)
+    return _result(found.calibration, key, used, created, [*plan.notes, note], colour=found)
 
 
 def _from_series(
@@ -241,19 +235,18 @@ def _from_series(
         left_out = f" (left out: {_reasons(used.problems)})" if used.problems else ""
         raise InputError(f"{problem}{left_out}") from None
     notes = [*notes, *note, "exposures tell curves up to a scale: where white lies, the model says"]
-    passport = _passport(calibration, key, used, created)
+    result = _result(calibration, key, used, created, notes)
     if vignette:
-        coefficients, deviation = find_vignetting(_ahead(_again(used)), passport.curves)
-        passport, left = replace(passport, vignetting=coefficients), np.exp(coefficients.sum())
+        coefficients, deviation = find_vignetting(_ahead(_again(used)), result.passport.curves)
+        left = np.exp(coefficients.sum())
         differ = f"which differ by {2 * left * deviation:.1%}"
         notes = [*notes, f"vignetting: {left:.1%} of the light is left in the corners, {differ}"]
+        result = replace(result, passport=replace(result.passport, vignetting=coefficients), notes=notes)
     told = calibration.observations.exposures  # the estimated ones too
     again = _again(used)
     if shifts is not None:
         again = (shifted(image, *shift) for image, shift in zip(again, shifts, strict=True))
-    merged = merge_series(_ahead(again), used.stops if told is None else told[0], calibration)
-    photographs = {pair.name: pair.jpeg for pair in used.pairs}
-    return CameraCalibration(passport, calibration, photographs, used.problems, merged=merged, notes=notes)
+    return replace(result, merged=merge_series(_ahead(again), used.stops if told is None else told[0], calibration))
 
 
 def _by_channel(
@@ -296,16 +289,20 @@ def _warnings(calibration: Calibration, colour: ColourCalibration | None) -> lis
     return [*common, *single, *diagonal]
 
 
-def _passport(
-    calibration: Calibration, key: ModelKey, used: Plan, created: str, colour: ColourCalibration | None = None
-) -> Passport:
-    """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files."""
+def _result(
+    calibration: Calibration, key: ModelKey, used: Plan, created: str, notes: list[str], **parts: Any
+) -> CameraCalibration:
+    """Write down one calibration: its curve and band made monotone, the camera, and a digest of the files.
+
+    `parts` are further fields of `CameraCalibration`.
+    """
+    colour: ColourCalibration | None = parts.get("colour")
     exif = next((exif for exif in used.exifs if exif.model), used.exifs[0])
     files = [path for pair in used.pairs for path in (pair.jpeg, pair.raw) if path is not None]
     low, high = (repair(curves) for curves in calibration.bands[_LEVEL])
     curve = repair(calibration.curves)
     darkest, brightest = calibration.brightness_range[:, 0].min(), calibration.brightness_range[:, 1].max()
-    return Passport(
+    passport = Passport(
         "inverse",
         curve,
         # Each made monotone by itself, a curve could leave its band by little.
@@ -323,6 +320,8 @@ def _passport(
         warnings=tuple(_warnings(calibration, colour)),
         **({} if colour is None else {"matrix": colour.matrix[0], "soft": colour.soft[0], "told": colour.told[0]}),
     )
+    photographs = {pair.name: pair.jpeg for pair in used.pairs}
+    return CameraCalibration(passport, calibration, photographs, used.problems, notes=notes, **parts)
 
 
 def _digest(files: Sequence[Path]) -> str:
