@@ -24,6 +24,7 @@ from crfbench.camera.series import (
     Reduced,
     calibrate_series,
     find_shifts,
+    find_white,
     reduce_photograph,
     shifted,
     with_contradictions,
@@ -246,7 +247,8 @@ def _from_series(
     again = _again(used)
     if shifts is not None:
         again = (shifted(image, *shift) for image, shift in zip(again, shifts, strict=True))
-    return replace(result, merged=merge_series(_ahead(again), used.stops if told is None else told[0], calibration))
+    stops = used.stops if told is None else told[0]
+    return replace(result, merged=merge_series(_ahead(again), stops, calibration, find_white(images, stops)))
 
 
 def _by_channel(

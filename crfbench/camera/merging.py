@@ -9,6 +9,7 @@ import errno
 import os
 from collections.abc import Iterable, Sequence
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from statistics import NormalDist
 from typing import NamedTuple
@@ -19,15 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from crfbench.calibration import Calibration
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.passport import Passport
-from crfbench.camera.series import Image, as_series, as_stops
-from crfbench.checks import refuse_masked
+from crfbench.camera.series import Image, as_images, as_stops
 from crfbench.curves import GRID, Array, as_valid_curves, evaluate, repair
 from crfbench.errors import InputError
 from crfbench.files import write_new
 
 # Standard deviation of one pixel: of its brightness, and of its irradiance, in units of full scale.
 _NOISE, _READ = 0.01, 0.002
-_NEAR_WHITE, _FAINT = 0.97, 1e-9  # brightness, and the weight of what is brighter
+_NEAR_WHITE, _FAINT = 0.026, 1e-9  # brightness below white, and the weight of what is brighter
 _LEVEL = 0.9  # of the band that is taken from a calibration
 _PART = 2**16  # pixels that are merged at once: they fit into the cache, and need little memory
 _LEAST = 1e-9  # irradiance, and share of it that is uncertain; keeps divisions finite
@@ -44,7 +44,10 @@ class Merged(NamedTuple):
 
 
 def merge_series(
-    images: Iterable[ArrayLike], exposures: ArrayLike, response: Calibration | Passport | ArrayLike
+    images: Iterable[ArrayLike],
+    exposures: ArrayLike,
+    response: Calibration | Passport | ArrayLike,
+    white: float = SATURATED,
 ) -> Merged:
     """Merge aligned photographs of one static scene.
 
@@ -57,12 +60,14 @@ def merge_series(
     response : Calibration, Passport, or array_like of shape (1024,), (1, 1024) or (3, 1024)
         Curves by themselves are inverse responses. One serves all channels. A band, where there is one, tells where
         the curve is little known.
+    white : float
+        Brightness from which on pixels are saturated.
 
     Returns
     -------
     Merged
-        Pixels at 0 or from 254/255 of full scale weigh nothing, those below their own noise nothing but in the longest
-        exposure, and those above 0.97 next to nothing but in the shortest. Where a channel is clipped in all exposures,
+        Pixels at 0 or at white weigh nothing, those below their own noise nothing but in the longest exposure, and
+        those near white next to nothing but in the shortest. Where a channel is clipped in all exposures,
         its radiance is the nearest end of what could be measured: 0, or what just saturates the least exposure.
 
     Examples
@@ -72,20 +77,20 @@ def merge_series(
     >>> print(merge_series([dark, light], [0, 2], GRID).radiance.round(3))
     [[0.2 0.4]]
     """
-    arrays = as_series(images) if isinstance(images, Sequence) else map(np.atleast_3d, images)
-    light = 2.0 ** as_stops(exposures, len(arrays) if isinstance(arrays, list) else np.size(exposures))
+    light = 2.0 ** as_stops(exposures, len(images) if isinstance(images, Sequence) else np.size(exposures))
     total: NDArray[np.float32] = np.empty(0, dtype=np.float32)
     weighted = total
-    for image, exposure in zip(arrays, light, strict=True):
-        refuse_masked("images", image)
+    for image, exposure in zip_longest(as_images(images), light):
+        if image is None or exposure is None:
+            raise InputError(f"more or fewer images than {len(light)} exposures; use one exposure for each")
         if not total.size:
             # Not as parts of one array, which would stay as long as one of them.
             total, weighted = (np.zeros(image.shape, dtype=np.float32) for _ in range(2))
-            tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1)
+            tables = _tables(*_curves(response, image.shape[2]), np.iinfo(image.dtype).max + 1, white)
             step = max(1, _PART // image.shape[1])
             parts = [slice(first, first + step) for first in range(0, len(image), step)]
             scratch = np.empty((2, *total[:step].shape), dtype=np.float32)  # new ones would cost more than the rest
-        known = _at_exposure(tables, exposure, light)
+        known = _at_exposure(tables, exposure, light, white)
         for rows in parts:
             _add(image[rows], known, total[rows], weighted[rows], scratch)
     least = np.empty(total.shape[:2], dtype=np.float32)
@@ -115,7 +120,7 @@ def _curves(response: Calibration | Passport | ArrayLike, channels: int) -> tupl
     return curves, (high - low) / (wide * np.maximum(curves, _LEAST))
 
 
-def _tables(curves: Array, deviation: Array, levels: int) -> list[NDArray[np.float32]]:
+def _tables(curves: Array, deviation: Array, levels: int, white: float) -> list[NDArray[np.float32]]:
     """Tabulate what every level says: weight, weight times irradiance, and what a clipped pixel has at least.
 
     Each table has the shape (levels, 1, c). With g the inverse response and s the relative deviation of its band, the
@@ -125,20 +130,22 @@ def _tables(curves: Array, deviation: Array, levels: int) -> list[NDArray[np.flo
     brightness = np.linspace(0.0, 1.0, levels)
     g, slope = evaluate(curves, brightness), evaluate(np.gradient(curves, GRID, axis=1), brightness)
     variance = (evaluate(deviation, brightness) * g) ** 2 + (_NOISE * slope) ** 2 + _READ**2
-    measured = (brightness > 0.0) & (brightness < SATURATED)
+    measured = (brightness > 0.0) & (brightness < white)
     weight, bound = np.where(measured, 1.0 / variance, 0.0), np.where(measured, 0.0, g)
     # In the order of memory that OpenCV looks up fast.
     return [np.ascontiguousarray(table.T[:, None], dtype=np.float32) for table in (weight, weight * g, bound)]
 
 
-def _at_exposure(tables: list[NDArray[np.float32]], exposure: float, light: Array) -> list[NDArray[np.float32]]:
+def _at_exposure(
+    tables: list[NDArray[np.float32]], exposure: float, light: Array, white: float
+) -> list[NDArray[np.float32]]:
     """Return the tables of one of several exposures, in units of the longest one."""
     weight, times, bound = tables
     clear = np.ones_like(weight)
     if exposure < light.max():  # a level below its own noise may be stray light, which a short exposure makes large
         clear[times**2 < weight] = 0.0
     if exposure > light.min():  # one near white may be what spills over from a saturated neighbour
-        clear[int(_NEAR_WHITE * len(clear)) :] *= _FAINT
+        clear[int((white - _NEAR_WHITE) * len(clear)) :] *= _FAINT
     part = np.float32(exposure / light.max())
     return [weight * part**2 * clear, times * part * clear, bound / part]
 

@@ -3,7 +3,7 @@
 What a series is calibrated from are small flat blocks of the photographs that cover the brightness range.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -36,15 +36,21 @@ _FLATTEST = 0.25  # share of a stratum that is drawn from
 _VALUES, _LAGS, _ALIKE, _OUTLIER = 32.0, 64, 0.05, 6.0
 # Blocks are means of many pixels; in the dark, whole levels and stray light count for more than noise.
 _READING, _FINE = 0.005, 0.1
-# Of the black floor: pixels that are looked at, stops to the next longer exposure, levels of 255 that may be floor and
-# that have risen so far that they say nothing, share of the pixels that three levels need.
-_FLOOR_PIXELS, _FLOOR_STOPS, _DARK, _RISEN, _FLOOR_SHARE = 20_000, 0.9, 60, 200, 0.0007
+# Of black floor and white: pixels that are looked at, and stops to the next longer exposure.
+_PIXELS, _LONGER = 20_000, 0.9
+# Of white: share of a photograph's values that end there, how far below lossy files leave some, and how many.
+_ENDS, _UNEVEN, _FEW_UNEVEN = 0.005, 4, 0.02
+_LOW_WHITE = 0.96  # what no file format explains
+# Of the black floor: levels of 255 that may be floor and that have risen so far that they say nothing, and the share of
+# the pixels that three levels need.
+_DARK, _RISEN, _FLOOR_SHARE = 60, 200, 0.0007
 # Of what moved: rounds of leaving out; off by at least this much of log irradiance, more below a brightness, and so
 # many times what is usual; above the darkest, which may be a floor; the share of the blocks that is not worth a round,
 # and that which stays: where fewer would, it is not the scene that moves.
 _ROUNDS, _OFF, _BRIGHT, _FAR, _ABOVE, _FEW, _LEFT = 5, 0.35, 0.3, 6.0, 0.03, 0.01, 0.25
 EXACT = 0.02  # stops that exposures err by which somebody gave
-_FREE, _LEAST = 50.0, 1e-6  # stops that exposures may err by which nobody told; irradiance
+# Stops that exposures may err by which nobody told, and that they span at most to begin with; irradiance.
+_FREE, _SPAN, _LEAST = 50.0, 6.0, 1e-6
 _CONTRADICTS = 0.5  # stops, between two photographs
 # Of aligning: the longer side of the pictures that are compared, in pixels; and the peak of phase correlation, which
 # is 1 for the same picture and near 0 for another, from which on it counts.
@@ -72,8 +78,8 @@ def reduce_photograph(path: Path, white_level: int | None = None, shift: tuple[i
 
 def reduce_image(image: ArrayLike, name: str = "") -> Reduced:
     """Reduce an image (h, w) or (h, w, c) to what `calibrate_series` needs."""
-    (array,) = _as_images([image])
-    pixels = array.reshape(-1, array.shape[2])[:: max(1, array[..., 0].size // _FLOOR_PIXELS)]
+    (array,) = as_images([image])
+    pixels = array.reshape(-1, array.shape[2])[:: max(1, array[..., 0].size // _PIXELS)]
     high = pixels >> 8 if pixels.dtype == np.uint16 else pixels
     blocks = np.stack([_blocks(array[..., c]) for c in range(array.shape[2])], axis=1)
     picture = equalised(array)
@@ -168,8 +174,12 @@ def calibrate_series(
     images, model = _as_reduced(images), model or load_model(DEFAULT_MODEL)
     fit = partial(_from_exposures, images, model, method, seed, per_channel)
     if exposures is None:
-        return _estimated(images, model, seed, fit)
-    return with_contradictions(fit(exposures, exposure_error), _names(images))
+        found = _estimated(images, model, seed, fit)
+    else:
+        found = with_contradictions(fit(exposures, exposure_error), _names(images))
+    white = find_white(images, np.asarray(found.observations.exposures)[0])
+    said = f"the photographs end at brightness {white:.3f}: what reaches it is saturated" if white < _LOW_WHITE else ""
+    return _told(found, [said] * len(found))
 
 
 def _from_exposures(
@@ -231,7 +241,8 @@ def _estimated(
 
     `fit` takes exposures, and by how many stops they err.
     """
-    order = np.argsort(np.argsort([image.mean for image in images], kind="stable")).astype(np.float64)
+    rank = np.argsort(np.argsort([image.mean for image in images], kind="stable"))
+    order = min(1.0, _SPAN / max(len(images) - 1, 1)) * rank.astype(np.float64)
     free = fit(order, _FREE)
     middle = (GRID > 0.1) & (GRID < 0.9)
     both = (model.decode(model.sample(256, seed)), free.curves)
@@ -255,15 +266,44 @@ def black_floor(images: Sequence[ArrayLike | Reduced], exposures: ArrayLike, cur
     exposure, to where the curve says; where they rise by less than half as much, their level is no light.
     """
     stops = as_stops(exposures, len(images))
-    order = np.argsort(stops, kind="stable")
-    levels = np.stack([image.pixels for image in _as_reduced(images)])[order]
+    levels, stops, pairs = _longer(_as_reduced(images), stops)
     if len(curves) == 1:
         levels = levels.reshape(len(levels), -1, 1)
-    following = np.searchsorted(stops[order], stops[order] + _FLOOR_STOPS)
-    pairs = [(k, later) for k, later in enumerate(following) if later < len(stops)]
     told = evaluate(curves, np.arange(256) / 255)
-    edges = [_floor(levels[..., c].astype(np.int16), stops[order], g, pairs) for c, g in enumerate(told)]
+    edges = [_floor(levels[..., c], stops, g, pairs) for c, g in enumerate(told)]
     return np.array(edges) / 255.0
+
+
+def find_white(images: Sequence[Reduced], exposures: ArrayLike) -> float:
+    """Return the brightness from which on a series counts as saturated: 254/255, or less where the photographs tell.
+
+    Video levels end at 235 of 255, some sensors fill below their greatest number, and lossy files leave white areas
+    uneven. White is where photographs end alike although one was exposed longer; what was white in the shorter one
+    tells how uneven it is in the longer one.
+    """
+    levels, _, pairs = _longer(images, as_stops(exposures, len(images)))
+    counts = np.stack([np.bincount(each.ravel(), minlength=256) for each in levels])
+    reach = counts[:, ::-1].cumsum(axis=1)[:, ::-1]  # how many reach each level
+    ends = (reach > _ENDS * reach[:, :1]).sum(axis=1) - 1
+    top = int(ends.max())
+    near, far = max(top - _UNEVEN, 0), max(top - 3 * _UNEVEN, 0)
+    full = (ends >= top - 1) & (2 * reach[:, near] > reach[:, far])
+    # Where no more reach it in the longer exposure, both are the same photograph.
+    grown = [(k, j) for k, j in pairs if full[k] and full[j] and reach[k, near] < reach[j, near]]
+    still = [levels[j][levels[k] >= top - 1] for k, j in grown]
+    white = np.concatenate([np.empty(0), *still])
+    white = white[white > far]  # what is darker has moved
+    if not white.size:
+        return SATURATED
+    return min(SATURATED, (min(top, int(np.quantile(white, _FEW_UNEVEN, method="lower"))) - 1) / 255)
+
+
+def _longer(images: Sequence[Reduced], stops: Array) -> tuple[NDArray[np.int16], Array, list[tuple[int, int]]]:
+    """Return levels (e, m, c) and stops in the order of exposure, and the pairs of each with the next longer one."""
+    order = np.argsort(stops, kind="stable")
+    following = np.searchsorted(stops[order], stops[order] + _LONGER)
+    pairs = [(k, later) for k, later in enumerate(following) if later < len(stops)]
+    return np.stack([image.pixels for image in images])[order].astype(np.int16), stops[order], pairs
 
 
 def _floor(levels: NDArray[np.int16], stops: Array, curve: Array, pairs: list[tuple[int, int]]) -> int:
@@ -362,8 +402,12 @@ def sample_series(
     response for all. Means over channels are not taken: a response is nonlinear, so the mean of its values is not its
     value at the mean.
     """
-    every = [image.blocks for image in _as_reduced(images)]
-    stops = as_stops(exposures, len(every))
+    photographs = _as_reduced(images)
+    stops = as_stops(exposures, len(photographs))
+    white = find_white(photographs, stops)
+    every = [image.blocks.copy() for image in photographs]
+    for blocks in every:
+        blocks[2][blocks[2] >= white] = 1.0
     n = min(_BLOCKS, max(_STRATA, _MOST_CELLS // len(every)))
     channels = range(every[0].shape[1])
     groups = [[c] for c in channels] if per_channel else [list(channels)]
@@ -379,30 +423,30 @@ def sample_series(
     return Observations(filled[:, 0], exposures=stops, clipped=~measured, weights=measured)
 
 
-def as_series(images: Sequence[ArrayLike]) -> list[Image]:
-    """Return two or more images as arrays (h, w, c) with c = 1 or 3, all alike."""
-    if len(images) < 2:
-        raise InputError(f"the series has {len(images)} images; use two or more of one scene at different exposures")
-    return _as_images(images)
+def _as_reduced(images: Iterable[ArrayLike | Reduced]) -> list[Reduced]:
+    """Reduce two or more images, unless they are already."""
+    every = list(images)
+    if len(every) < 2:
+        raise InputError(f"the series has {len(every)} images; use two or more of one scene at different exposures")
+    reduced = [image for image in every if isinstance(image, Reduced)]
+    return reduced if len(reduced) == len(every) else [reduce_image(image) for image in as_images(every)]
 
 
-def _as_reduced(images: Sequence[ArrayLike | Reduced]) -> list[Reduced]:
-    reduced = [image for image in images if isinstance(image, Reduced)]
-    others = [image for image in images if not isinstance(image, Reduced)]
-    return [reduce_image(image) for image in as_series(others)] if others or not reduced else reduced
-
-
-def _as_images(images: Sequence[ArrayLike]) -> list[Image]:
-    refuse_masked("images", list(images))
-    arrays = [np.atleast_3d(np.asarray(image)) for image in images]
-    first = arrays[0]
-    if first.dtype not in (np.uint8, np.uint16) or first.ndim != 3 or first.shape[2] not in (1, 3) or not first.size:
-        raise InputError(f"image 0 is {first.dtype} of shape {first.shape}; use uint8 or uint16, (h, w) or (h, w, 3)")
-    for i, array in enumerate(arrays):
+def as_images(images: Iterable[Any]) -> Iterator[Image]:
+    """Yield images as arrays (h, w, c) with c = 1 or 3, all alike."""
+    first: Image | None = None
+    for i, image in enumerate(images):
+        refuse_masked("images", image)
+        array = np.atleast_3d(np.asarray(image))
+        first = array if first is None else first
+        fits = first.dtype in (np.uint8, np.uint16) and first.ndim == 3 and first.shape[2] in (1, 3)
+        if not fits or not first.size:
+            kind = f"image 0 is {first.dtype} of shape {first.shape}"
+            raise InputError(f"{kind}; use uint8 or uint16, (h, w) or (h, w, 3)")
         if (array.shape, array.dtype) != (first.shape, first.dtype):
             kinds = f"image 0 is {first.dtype} {first.shape}, image {i} {array.dtype} {array.shape}"
             raise InputError(f"{kinds}; use images of one size and depth, aligned with each other")
-    return arrays
+        yield array
 
 
 def as_stops(exposures: ArrayLike, n: int) -> Array:
