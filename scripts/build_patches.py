@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from crfbench.curves import Array
-from crfbench.datasets.middlebury import COLUMNS, EXPOSURES, ILLUMINATIONS, N_PATCHES
+from crfbench.datasets.chart import N_PATCHES
+from crfbench.datasets.middlebury import COLUMNS, EXPOSURES, ILLUMINATIONS
 from crfbench.datasets.registry import require
 from crfbench.errors import FormatError, MissingDataError
 

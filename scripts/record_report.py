@@ -13,7 +13,8 @@ import crfbench
 from crfbench.calibration import calibrate
 from crfbench.curves import GRID, Array, Direction, evaluate
 from crfbench.datasets import load_dorf, load_patches
-from crfbench.datasets.middlebury import N_PATCHES, THREE_GREYS, patch_arrays, patch_intensity
+from crfbench.datasets.chart import N_PATCHES
+from crfbench.datasets.middlebury import THREE_GREYS, patch_arrays, patch_intensity
 from crfbench.datasets.responses import near_copies
 from crfbench.history import History, latent_statistics
 from crfbench.metrics import rmse, total_variance

@@ -27,8 +27,7 @@ from crfbench.camera.photographs import pair_photographs
 from crfbench.camera.worker import WORKER
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
-from crfbench.datasets.chart import chart_boxes, save_labels
-from crfbench.datasets.middlebury import N_PATCHES
+from crfbench.datasets.chart import N_PATCHES, chart_boxes, save_labels
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 from crfbench.models import DEFAULT_MODEL

@@ -18,8 +18,7 @@ from crfbench.camera.photographs import Pair, Problems, exposure_steps
 from crfbench.camera.reading import Exif, read_exif, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
 from crfbench.curves import Array
-from crfbench.datasets.chart import SIZE, UNIT, as_corners, chart_colours, homography, project, sample_positions
-from crfbench.datasets.middlebury import CLIPPED_SHARE, N_PATCHES
+from crfbench.datasets.chart import CLIPPED_SHARE, N_PATCHES, as_corners, chart_colours, sample_positions, within_margin
 from crfbench.errors import FormatError, InputError
 
 # Larger photographs are reduced to the first side, and where that shows no chart, as it may be small, to the second.
@@ -191,10 +190,8 @@ def _candidates(pixels: NDArray[np.float32]) -> Iterator[Array]:
     settings.maxError, settings.minInterCheckerDistance = 1e9, 0
     detector.setDetectionParams(settings)
     detector.process(image, _CANDIDATES)
-    frame = (SIZE + 2 * _MARGIN) * UNIT - _MARGIN
     for checker in detector.getListColorChecker():
-        box = homography(frame, np.array(checker.getBox()))
-        corners = (project(box, SIZE * UNIT) + 0.5) / image.shape[1::-1]
+        corners = (within_margin(np.array(checker.getBox()), _MARGIN) + 0.5) / image.shape[1::-1]
         x, y = corners.T
         yield corners if x @ np.roll(y, -1) > y @ np.roll(x, -1) else corners[::-1]  # it may see one in a mirror
 

@@ -22,7 +22,7 @@ from crfbench.camera.photographs import find_white_level
 from crfbench.camera.reading import read_image, read_levels
 from crfbench.camera.worker import WORKER
 from crfbench.curves import Array
-from crfbench.datasets.middlebury import N_PATCHES
+from crfbench.datasets.chart import N_PATCHES
 from crfbench.errors import CrfbenchError, InputError, MissingDataError
 from crfbench.files import check_new, write_new
 from crfbench.parallel import local_workers, worker_error

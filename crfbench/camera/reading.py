@@ -29,15 +29,13 @@ MAX_BYTES = 512 * 1024 * 1024
 # On the longer side of the preview in a RAW file; smaller ones are for lists, not for looking at.
 MIN_PREVIEW = 300
 
-_IMAGE_NAMES = ("jpg", "jpeg", "jpe", "heic", "heif", "hif", "avif", "webp", "png", "tif", "tiff")
-IMAGE_SUFFIXES = frozenset(f".{name}" for name in _IMAGE_NAMES)
+IMAGE_SUFFIXES = {".jpg", ".jpeg", ".jpe", ".heic", ".heif", ".hif", ".avif", ".webp", ".png", ".tif", ".tiff"}
 IMAGES = "JPEG, PNG, TIFF, HEIC, AVIF or WebP"
-_RAW_NAMES = (
-    *("3fr", "ari", "arw", "bay", "cr2", "cr3", "crw", "dc2", "dcr", "dng", "erf", "fff", "gpr", "iiq", "k25"),
-    *("kdc", "mdc", "mef", "mos", "mrw", "nef", "nrw", "orf", "pef", "raf", "raw", "rw2", "rwl", "sr2", "srf"),
-    *("srw", "x3f"),
-)
-RAW_SUFFIXES = frozenset(f".{name}" for name in _RAW_NAMES)
+RAW_SUFFIXES = {
+    ".3fr", ".ari", ".arw", ".bay", ".cr2", ".cr3", ".crw", ".dc2", ".dcr", ".dng", ".erf", ".fff", ".gpr", ".iiq",
+    ".k25", ".kdc", ".mdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl",
+    ".sr2", ".srf", ".srw", ".x3f",
+}  # fmt: skip
 
 # EXIF 2.32 (CIPA DC-008) and TIFF 6.0.
 _MODEL, _ORIENTATION, _EXIF_FOLDER = 0x0110, 0x0112, 0x8769

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from crfbench.checks import as_numbers, unique_names
 from crfbench.curves import Array
-from crfbench.datasets.middlebury import N_PATCHES
 from crfbench.errors import FormatError, InputError
 from crfbench.files import write_atomically
 
@@ -38,6 +37,8 @@ _BRADFORD: Array = np.array([(0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367
 _XYZ_TO_SRGB: Array = np.array([(3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557, -0.2040, 1.0570)])
 
 COLUMNS, ROWS = 6, 4
+N_PATCHES = COLUMNS * ROWS
+CLIPPED_SHARE = 0.02  # of the pixels of a patch, from which on the whole patch counts as clipped
 # In widths of a patch. Charts have gaps of 0.1 to 0.15; over the chart this moves no centre by 0.05.
 GAP = 0.1
 SIZE: Array = np.array([COLUMNS * (1 + GAP) - GAP, ROWS * (1 + GAP) - GAP])
@@ -103,6 +104,11 @@ def sample_positions(corners: Array, n: int, share: float) -> Array:
 def chart_boxes(corners: Array) -> Array:
     """Return the outlines of the 24 patches as fractions of the image, shape (24, 4, 2)."""
     return project(homography(SIZE * UNIT, corners), _origins() + UNIT)
+
+
+def within_margin(box: Array, margin: float) -> Array:
+    """Return the corners (4, 2) of a chart from those of a box round it, some widths of a patch away."""
+    return project(homography((SIZE + 2 * margin) * UNIT - margin, box), SIZE * UNIT)
 
 
 def _origins() -> Array:

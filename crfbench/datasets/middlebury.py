@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from crfbench.curves import Array
+from crfbench.datasets.chart import CLIPPED_SHARE, N_PATCHES
 from crfbench.errors import FormatError
 from crfbench.files import bundled
 
 if TYPE_CHECKING:
     import pandas as pd
 
-N_PATCHES = 24
 N_PHOTOGRAPHS = 14 * 8
 ILLUMINATIONS = (1, 2)
 EXPOSURES = (1, 2, 3, 4)
@@ -40,11 +40,7 @@ PATCH_ORDER = (19, 21, 24, 20, 22, 23, 2, 4, 7, 9, 14, 18, 1, 3, 5, 6, 8, 10, 11
 
 KEYS = ("camera", "illumination", "exposure", "patch")
 _KINDS = ("jpeg", "raw")
-_MEANS = tuple(f"{kind}_{channel}" for kind in _KINDS for channel in "rgb")
-COLUMNS = (*KEYS, *_MEANS, *(f"{kind}_clipped" for kind in _KINDS))
-
-CLIPPED_SHARE = 0.02  # of the pixels of a patch, from which on the whole patch counts as clipped
-
+COLUMNS = (*KEYS, "jpeg_r", "jpeg_g", "jpeg_b", "raw_r", "raw_g", "raw_b", "jpeg_clipped", "raw_clipped")
 _DTYPES = dict.fromkeys(COLUMNS, "float64") | {"camera": "str"} | dict.fromkeys(KEYS[1:], "int64")
 
 

@@ -18,14 +18,8 @@ from crfbench.calibration.posterior import DARKEST
 from crfbench.checks import check_choice, check_seed
 from crfbench.curves import GRID, Array, evaluate, repair
 from crfbench.datasets import load_patches, load_responses, registry
-from crfbench.datasets.middlebury import (
-    EXPOSURES,
-    N_PATCHES,
-    REFERENCE_IRRADIANCE,
-    THREE_GREYS,
-    PatchArrays,
-    patch_arrays,
-)
+from crfbench.datasets.chart import N_PATCHES
+from crfbench.datasets.middlebury import EXPOSURES, REFERENCE_IRRADIANCE, THREE_GREYS, PatchArrays, patch_arrays
 from crfbench.metrics import nonmonotone, rmse, statistics, summarise
 from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL, ModelKey

@@ -11,7 +11,8 @@ from crfbench.calibration import METHODS, Observations, calibrate
 from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import N_SAMPLES, Array
 from crfbench.datasets import load_patches
-from crfbench.datasets.middlebury import N_PATCHES, PATCH_ORDER, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays
+from crfbench.datasets.chart import N_PATCHES
+from crfbench.datasets.middlebury import PATCH_ORDER, REFERENCE_IRRADIANCE, PatchArrays, patch_arrays
 from crfbench.metrics import total_variance
 from crfbench.models import load_model
 from crfbench.models.registry import DEFAULT_MODEL

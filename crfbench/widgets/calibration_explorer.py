@@ -11,6 +11,7 @@ from crfbench.calibration import Calibration, Observations, Table, calibrate, de
 from crfbench.checks import check_choice, check_count
 from crfbench.curves import Array, evaluate
 from crfbench.datasets import middlebury
+from crfbench.datasets.chart import N_PATCHES
 from crfbench.errors import InputError
 from crfbench.metrics import rmse
 from crfbench.models import ModelKey, ResponseModel, load_model
@@ -109,8 +110,8 @@ class CalibrationExplorer(StoredWidget):
     def patches(self, patches: object) -> tuple[int, ...]:
         """Which patches calibrate, from 1 to 24 row by row; where they are too few, `error` says so."""
         if not isinstance(patches, Iterable):
-            raise InputError(f"patches={patches!r} is not a list; use whole numbers from 1 to {middlebury.N_PATCHES}")
-        return tuple(sorted({check_count("patches", patch, most=middlebury.N_PATCHES) for patch in patches}))
+            raise InputError(f"patches={patches!r} is not a list; use whole numbers from 1 to {N_PATCHES}")
+        return tuple(sorted({check_count("patches", patch, most=N_PATCHES) for patch in patches}))
 
     @property
     def result(self) -> Calibration:

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crfbench.camera.synthetic import render_series
 from crfbench.curves import GRID, Array, as_valid_curves, evaluate
-from crfbench.datasets.chart import COLUMNS, ROWS, UNIT, chart_colours, homography, project
-from crfbench.datasets.middlebury import N_PATCHES
+from crfbench.datasets.chart import COLUMNS, N_PATCHES, ROWS, UNIT, chart_colours, homography, project
 
 # In widths of a patch, measured on a ColorChecker Classic: the gap between patches and the frame around them. The gap
 # is not the one that crfbench measures with, which must serve any make of chart.
