@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from crfbench.calibration import Calibration
 from crfbench.calibration.observations import SATURATED
-from crfbench.camera.passport import Passport
+from crfbench.camera.passport import Passport, look_up
 from crfbench.camera.series import Image, as_images, as_stops
 from crfbench.curves import GRID, Array, as_valid_curves, evaluate, repair
 from crfbench.errors import InputError
@@ -158,9 +158,9 @@ def _add(
     scratch: NDArray[np.float32],
 ) -> None:
     """Add what some rows of a photograph say; where nothing is measured yet, `weighted` holds the nearest end."""
-    weight, times = (_look_up(image, table, out[: len(image)]) for table, out in zip(tables[:2], scratch, strict=True))
+    weight, times = (look_up(image, table, out[: len(image)]) for table, out in zip(tables[:2], scratch, strict=True))
     if (open_ended := total == 0).any():
-        np.maximum(weighted, _look_up(image, tables[2]), out=weighted, where=open_ended)
+        np.maximum(weighted, look_up(image, tables[2]), out=weighted, where=open_ended)
         weighted[open_ended & (weight > 0)] = 0
     total += weight
     weighted += times
@@ -177,12 +177,6 @@ def _finish(
     least[:] = total[..., 0]
     for other in np.moveaxis(total, 2, 0)[1:]:  # much faster than min(axis=2)
         np.minimum(least, other, out=least)
-
-
-def _look_up(image: Image, table: NDArray[np.float32], out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-    import cv2
-
-    return np.asarray(cv2.LUT(np.ascontiguousarray(image), table, out), dtype=np.float32).reshape(image.shape)
 
 
 def write_hdr(path: str | Path, radiance: ArrayLike, overwrite: bool = False) -> None:

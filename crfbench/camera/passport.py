@@ -275,16 +275,19 @@ def linearise(
     if len(curves) == 3 and pixels.ndim == 2:
         raise InputError(f"three curves do not match a grey image of shape {pixels.shape}; use one, or a colour image")
     if pixels.dtype in (np.uint8, np.uint16):
-        return _look_up(pixels, curves)
+        table = _unit(evaluate(curves, np.linspace(0.0, 1.0, np.iinfo(pixels.dtype).max + 1)))
+        return look_up(pixels, table.T[:, None])
     return _unit(_interpolate(pixels, curves))
 
 
-def _look_up(pixels: NDArray[Any], curves: Array) -> NDArray[np.float32]:
-    """Look every pixel up in a table of all its possible values."""
+def look_up(
+    pixels: NDArray[Any], table: NDArray[np.float32], out: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Look every pixel up in a table of all its possible values, (levels, 1, c); shape of `pixels`."""
     import cv2
 
-    table = _unit(evaluate(curves, np.linspace(0.0, 1.0, np.iinfo(pixels.dtype).max + 1)))
-    return np.asarray(cv2.LUT(np.ascontiguousarray(pixels), np.ascontiguousarray(table.T[None])), dtype=np.float32)
+    found = cv2.LUT(np.ascontiguousarray(pixels), np.ascontiguousarray(table), out)
+    return np.asarray(found, dtype=np.float32).reshape(pixels.shape)
 
 
 def _interpolate(pixels: NDArray[Any], curves: Array) -> Array:
