@@ -24,7 +24,6 @@ COLUMNS = (
 )  # fmt: skip
 DIRECTIONS: tuple[Direction, ...] = ("forward", "inverse")
 N_FOLDS = 5
-#: What of a model's name Table 1 leaves open: it has one SLR and one EMoR.
 
 
 def fitting_table(

@@ -62,7 +62,6 @@ class StoredWidget(anywidget.AnyWidget):
             super().set_state(sync_data)
 
     def _repr_mimebundle_(self, **kwargs: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return what is shown instead beside the widget."""
         data, metadata = super()._repr_mimebundle_(**kwargs) or ({}, {})
         return {**data, **self._still()}, metadata
 

@@ -187,7 +187,6 @@ def _decoded(name: str) -> tuple[ResponseModel, Table]:
 
 
 def _methods(model: str) -> list[str]:
-    """Return the methods that fit a model."""
     return ["posterior", "family", "map", "grid" if ModelKey.parse(model).n_params == 1 else "lm", "paper"]
 
 
@@ -205,7 +204,6 @@ def _options(cameras: tuple[str, ...]) -> dict[str, object]:
 
 
 def _show(result: Calibration, table: Table) -> dict[str, Any]:
-    """Return what the page draws of a calibration."""
     return {
         "curve": _float32(result.curves[0, ::_STRIDE]),
         "bands": {str(level): _float32(np.stack(ends)[:, 0, ::_STRIDE]) for level, ends in result.bands.items()},

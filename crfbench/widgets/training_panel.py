@@ -144,7 +144,6 @@ class TrainingPanel(StoredWidget):
         return f"{len(self.responses)} curves of {_DATASETS.get(self.responses.dataset, self.responses.dataset)}"
 
     def _receive(self, _widget: object, message: dict[str, Any], _buffers: object) -> None:
-        """Do what the page asks."""
         if message["kind"] == "stop":
             self.stop()
             return
@@ -161,7 +160,6 @@ class TrainingPanel(StoredWidget):
             self.status = status
 
     def _show(self, history: History, status: str, running: bool, left: str) -> None:
-        """Say something, and show the last epoch."""
         progress = {
             "epoch": len(history),
             "epochs": self._epochs,
