@@ -205,14 +205,13 @@ def calibrate(
 def _bands(samples: PosteriorSamples, middle: Array | None) -> dict[float, tuple[Array, Array]]:
     """Return the ends of the bands, nearer to the `middle` curves (n, 1024), if given; see `_HALF_WIDTH`."""
     quantiles = iter(samples.quantiles(tuple(0.5 + side * level / 2 for level in LEVELS for side in (-1, 1))))
-    bands = {level: (next(quantiles), next(quantiles)) for level in LEVELS}
-    if middle is None:
-        return bands
-    shares = _HALF_WIDTH
-    return {
-        k: (middle + shares[k] * (low - middle), middle + shares[k] * (high - middle))
-        for k, (low, high) in bands.items()
-    }
+    bands = {}
+    for level in LEVELS:
+        low, high, share = next(quantiles), next(quantiles), _HALF_WIDTH[level]
+        if middle is not None:
+            low, high = middle + share * (low - middle), middle + share * (high - middle)
+        bands[level] = low, high
+    return bands
 
 
 def _check(model: ResponseModel, observations: Observations, method: str, noise: Noise, table: Table | None) -> None:

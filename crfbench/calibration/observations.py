@@ -133,11 +133,7 @@ class Observations:
 
     def weighed(self, factor: Array) -> Self:
         """Let each observation count for so many times as many."""
-        o = self
-        weights = o.weights * factor
-        return type(o)(
-            *(o.brightness, o.reference, o.exposures, o.clipped), weights, o.reference_error, o.absolute, o.colour
-        )
+        return self._picked(slice(None), slice(None), weights=self.weights * factor)
 
     def of_sets(self, sets: slice | NDArray[np.intp]) -> Self:
         """Keep some of the `n` sets."""
@@ -151,12 +147,12 @@ class Observations:
             raise InputError(f"patches={patches!r} are out of range; use one or more whole numbers from 0 to {p - 1}")
         return self._picked(slice(None), chosen)
 
-    def _picked(self, sets: slice | NDArray[np.intp], patches: slice | NDArray[np.intp]) -> Self:
+    def _picked(self, sets: slice | NDArray[np.intp], patches: slice | NDArray[np.intp], **others: Any) -> Self:
         names = ("brightness", "reference", "clipped", "weights", "reference_error", "colour")
         parts: dict[str, Any] = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         kept = {name: part[sets][..., patches] for name, part in parts.items()}
         exposures = None if self.exposures is None else self.exposures[sets]
-        return type(self)(**kept, exposures=exposures, absolute=self.absolute)
+        return type(self)(**{**kept, **others}, exposures=exposures, absolute=self.absolute)
 
     def _check_information(self) -> None:
         """Refuse sets that tell nothing, naming the first of them."""
