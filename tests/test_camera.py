@@ -16,6 +16,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 mpl.use("agg")
 import matplotlib.pyplot as plt
@@ -24,6 +25,7 @@ from crfbench import camera
 from crfbench.camera import outputs
 from crfbench.camera.measuring import chart_table, observe_chart, separate
 from crfbench.camera.photographs import pair_photographs
+from crfbench.camera.series import calibrate_series, reduce_photograph
 from crfbench.camera.worker import WORKER
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
@@ -352,3 +354,16 @@ def test_mistakes_are_one_sentence_and_status_2(folder, tmp_path, arguments, wor
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_the_band_of_a_series_allows_for_where_white_lies(tmp_path):
+    """Exposures do not tell the scale, and lossy files leave white uneven."""
+    response = np.where(GRID <= 0.0031308, 12.92 * GRID, 1.055 * np.maximum(GRID, 1e-9) ** (1 / 2.4) - 0.055)
+    series, truth, held = camera.render_series(response, 2, size=(480, 320), stops=range(-3, 4)), invert(response), []
+    for i, image in enumerate(series.images):
+        Image.fromarray(image).save(tmp_path / f"{i}.jpg", quality=95)
+    result = camera.calibrate(tmp_path, "none", (2.0**series.stops).tolist())
+    shape = calibrate_series([reduce_photograph(tmp_path / f"{i}.jpg") for i in range(7)], series.stops)
+    for low, high in ((result.passport.low, result.passport.high), shape.bands[0.9]):
+        held.append(np.mean((low <= truth) & (truth <= high)))
+    assert held[0] > 0.95 > held[1]

@@ -20,7 +20,15 @@ from crfbench.camera import (
 )
 from crfbench.camera.photographs import as_times, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
-from crfbench.camera.series import black_floor, equalised, find_shifts, reduce_image, sample_series, shifted
+from crfbench.camera.series import (
+    black_floor,
+    equalised,
+    find_shifts,
+    find_white,
+    reduce_image,
+    sample_series,
+    shifted,
+)
 from crfbench.curves import GRID, invert
 from crfbench.datasets import load_opencrf
 from crfbench.errors import InputError
@@ -614,3 +622,53 @@ def test_a_level_that_stands_still_above_those_that_follow_is_no_floor(rows):
     for image in images:
         image[:rows] = 50
     assert (np.abs(255 * black_floor(images, series.stops, curves) - 25) <= 1).all()
+
+
+# --- white below the top of the range
+
+
+WALL = render_series(GAMMA, 3, size=SIZE, stops=range(-3, 4))
+
+
+def ending_at(top, bottom=0, dtype=np.uint8):
+    """Return the series with brightness 0 and 1 at other levels."""
+    return [np.rint(bottom + (top - bottom) / 255 * image).astype(dtype) for image in WALL.images]
+
+
+def white_of(images, stops=WALL.stops):
+    return find_white([reduce_image(image) for image in images], stops)
+
+
+@pytest.mark.parametrize(("top", "bottom"), [(235, 0), (235, 16), (187, 0)])
+def test_white_is_where_a_series_ends(top, bottom):
+    images = ending_at(top, bottom)
+    assert white_of(images) == pytest.approx((top - 1) / 255)
+    found = calibrate_series(images, WALL.stops)
+    assert all(f"end at brightness {(top - 1) / 255:.3f}" in " ".join(texts) for texts in found.warnings)
+    merged = merge_series(images, WALL.stops, found, white_of(images)).radiance
+    ratio = merged / WALL.radiance
+    parts = [(WALL.radiance > low) & (WALL.radiance < 2 * low) for low in (0.02, 0.1, 0.5)]
+    middle = [np.median(ratio[part]) for part in parts]
+    assert np.ptp(middle) < 0.02 * np.mean(middle), "highlights keep their radiance"
+
+
+def test_white_of_sixteen_bits_is_found_too():
+    assert white_of([np.uint16(images) * 180 for images in WALL.images]) == pytest.approx(178 / 255, abs=0.003)
+
+
+def test_white_stays_where_nothing_tells_another():
+    assert white_of(WALL.images) == 254 / 255
+    assert white_of([WALL.images[0]] * 3, [0, 1, 2]) == 254 / 255, "one photograph three times"
+    dim = [image // 2 for image in WALL.images[:3]]
+    assert white_of(dim, WALL.stops[:3]) == 254 / 255
+
+
+def test_lossy_white_is_as_uneven_as_it_is():
+    images = []
+    for image in WALL.images:
+        _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 60])
+        images.append(cv2.imdecode(content, cv2.IMREAD_COLOR))
+    longest, shorter = images[-1], images[-2]
+    white = 255 * white_of(images)
+    assert 240 <= white < 254
+    assert np.mean(longest[shorter >= 254] >= white) > 0.95

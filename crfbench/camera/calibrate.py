@@ -15,7 +15,7 @@ from crfbench.calibration import calibrate as calibrate_observations
 from crfbench.calibration.colour import ColourCalibration, calibrate_colour
 from crfbench.camera.measuring import MeasuredChart, chart_pairs, chart_table, observe_chart, weighed_by_scatter
 from crfbench.camera.merging import Merged, merge_series
-from crfbench.camera.pairs import calibrate_pairs, scene_pairs
+from crfbench.camera.pairs import calibrate_pairs, scene_pairs, widened
 from crfbench.camera.passport import CHANNELS, Passport
 from crfbench.camera.photographs import Exposures, Plan, Problems, Source, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
@@ -236,7 +236,7 @@ def _from_series(
         left_out = f" (left out: {_reasons(used.problems)})" if used.problems else ""
         raise InputError(f"{problem}{left_out}") from None
     notes = [*notes, *note, "exposures tell curves up to a scale: where white lies, the model says"]
-    result = _result(calibration, key, used, created, notes)
+    result = _result(widened(calibration), key, used, created, notes)
     if vignette:
         coefficients, deviation = find_vignetting(_ahead(_again(used)), result.passport.curves)
         left = np.exp(coefficients.sum())

@@ -87,7 +87,7 @@ def calibrate_pairs(
         if not kept
     }
     rest = float(np.sqrt((rms[used] ** 2).mean()))
-    calibration = _widened(found.calibration, rest)
+    calibration = widened(found.calibration, rest)
     stops = np.sqrt((calibration.residuals[calibration.observations.counts] ** 2).mean()) / np.log(2)
     files = f"{used.sum()} RAW file{'s' if used.sum() > 1 else ''}"
     off = f"{255 * rest:.1f} counts of 255 ({stops:.2f} stops)"
@@ -114,11 +114,11 @@ def _unexplained(found: ColourCalibration, jpeg: Array, raw: Array, weights: Arr
     return np.asarray(np.sqrt(np.where(seen, off**2, 0.0).sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)))
 
 
-def _widened(calibration: Calibration, rest: float) -> Calibration:
+def widened(calibration: Calibration, rest: float = 0.0) -> Calibration:
     """Widen the bands by what is no noise that averages out.
 
     That is brightness unexplained, as by local tones and vignetting, and where white lies: a share of the light between
-    the brightest colour and (1, 1), to which the curve is drawn on.
+    the brightest observation and (1, 1), to which the curve is drawn on.
     """
     curves, bands = calibration.curves, {}
     beyond = -np.log(evaluate(curves, calibration.brightness_range[:, 1:]))

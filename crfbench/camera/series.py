@@ -157,7 +157,8 @@ def calibrate_series(
     """Find the inverse response of the camera that took a series.
 
     It is a curve for each channel, coupled, or without `per_channel` one for all. Exposures alone tell no scale: where
-    the data do not reach, that the curve ends in (1, 1) is the model's word.
+    the data do not reach, that the curve ends in (1, 1) is the model's word, for which the bands do not allow (those of
+    `crfbench.camera.calibrate` do).
 
     Parameters
     ----------
