@@ -13,12 +13,14 @@ MOST = 1e30  # where nothing else bounds an argument
 
 
 def refuse_masked(name: str, values: object) -> None:
-    """Raise `InputError` where an array, or one of a list, has masked values."""
+    """Raise `InputError` where an array, or one of a list, has masked values or is a tensor with gradients."""
     # NumPy drops masks without a word.
     parts = values if isinstance(values, list | tuple) else [values]
     masked = sum(int(np.ma.count_masked(part)) for part in parts if isinstance(part, np.ma.MaskedArray))
     if masked:
         raise InputError(f"{name} holds {masked} masked values; fill them, or leave them out")
+    if any(getattr(part, "requires_grad", False) for part in parts):
+        raise InputError(f"{name} is a tensor that requires gradients; use {name}.detach()")
 
 
 def as_numbers(name: str, values: object) -> NDArray[np.float64]:
@@ -28,8 +30,6 @@ def as_numbers(name: str, values: object) -> NDArray[np.float64]:
     """
     values = list(values) if isinstance(values, Iterator) else values
     refuse_masked(name, values)
-    if getattr(values, "requires_grad", False):
-        raise InputError(f"{name} is a tensor that requires gradients; use {name}.detach()")
     wrong = "rows of unequal length"
     try:
         array = np.asarray(values)

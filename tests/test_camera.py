@@ -97,6 +97,9 @@ def test_exposures_by_hand_and_corners_by_hand(folder, tmp_path, result):
 def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
     with pytest.raises(InputError, match=r"no photograph with a chart is left .*ChartLabeller, or .* --chart none"):
         camera.calibrate(tmp_path)
+    for arrays in (None, [np.zeros((4, 4))]):
+        with pytest.raises(InputError, match="use a folder or files, and calibrate_series for arrays"):
+            camera.calibrate(arrays)
     with pytest.raises(InputError, match=r"there is no .*nowhere"):
         camera.calibrate(tmp_path / "nowhere")
     with pytest.raises(InputError, match=r"there is no .*nowhere"):

@@ -75,3 +75,9 @@ def test_views_and_extremes():
 def test_what_cannot_be_linearised(image, response, message):
     with pytest.raises(InputError, match=message):
         linearise(image, response)
+
+
+def test_a_tensor_that_requires_gradients_is_told_the_way_out():
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+    with pytest.raises(InputError, match=r"use image\.detach\(\)"):
+        linearise(torch.ones((2, 2), requires_grad=True), GRID)

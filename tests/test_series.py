@@ -469,6 +469,27 @@ def test_what_cannot_be_merged(response, message):
         merge_series(STEEP, [0, 1], response)
 
 
+@pytest.mark.parametrize(
+    ("images", "message"),
+    [
+        ([FLAT, FLAT[..., 0]], "image 1 uint8"),
+        ([FLAT, np.uint16(FLAT)], "image 1 uint16"),
+        ([FLAT, FLAT[1:]], "use images of one size"),
+        ([FLAT], "more or fewer images than 2 exposures"),
+        ([FLAT] * 3, "more or fewer images than 2 exposures"),
+        ([FLAT / 255] * 2, "image 0 is float64"),
+    ],
+)
+def test_images_taken_one_by_one_are_checked(images, message):
+    with pytest.raises(InputError, match=message):
+        merge_series(iter(images), [0, 1], GRID)
+
+
+def test_series_may_be_generators():
+    found = calibrate_series(iter(WALL.images), WALL.stops)
+    np.testing.assert_array_equal(found.curves, calibrate_series(WALL.images, WALL.stops).curves)
+
+
 def read_exr(content):
     """Read an RGB float EXR of scan lines without compression, after the file layout of the OpenEXR documentation."""
     assert content[:4] == b"\x76\x2f\x31\x01"

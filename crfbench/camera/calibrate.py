@@ -124,7 +124,11 @@ def calibrate(
     CameraCalibration
         Exposures without a chart tell no scale: that the curve ends in (1, 1) is then the model's word.
     """
-    given = list(map(Path, [source] if isinstance(source, str | Path) else source))
+    try:
+        given = list(map(Path, [source] if isinstance(source, str | Path) else source))
+    except TypeError:
+        kind = type(source).__name__
+        raise InputError(f"source is a {kind}; use a folder or files, and calibrate_series for arrays") from None
     if missing := [path for path in given if not path.exists()]:
         raise InputError(f"there is no {missing[0]}; use a folder of photographs, or the files")
     check_choice("channels", channels, ("rgb", "shared"))

@@ -145,7 +145,7 @@ def _shift(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Array:
 
 
 def calibrate_series(
-    images: Sequence[ArrayLike | Reduced],
+    images: Iterable[ArrayLike | Reduced],
     exposures: ArrayLike | None,
     model: ResponseModel | None = None,
     method: str = "posterior",
