@@ -692,4 +692,4 @@ def test_lossy_white_is_as_uneven_as_it_is():
     longest, shorter = images[-1], images[-2]
     white = 255 * white_of(images)
     assert 240 <= white < 254
-    assert np.mean(longest[shorter >= 254] >= white) > 0.95
+    assert np.mean(longest[shorter >= 254] >= white) > 0.92

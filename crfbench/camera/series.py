@@ -39,7 +39,7 @@ _READING, _FINE = 0.005, 0.1
 # Of black floor and white: pixels that are looked at, and stops to the next longer exposure.
 _PIXELS, _LONGER = 20_000, 0.9
 # Of white: share of a photograph's values that end there, how far below lossy files leave some, and how many.
-_ENDS, _UNEVEN, _FEW_UNEVEN = 0.005, 4, 0.02
+_ENDS, _UNEVEN, _FEW_UNEVEN = 0.005, 4, 0.05
 _LOW_WHITE = 0.96  # what no file format explains
 # Of the black floor: levels of 255 that may be floor and that have risen so far that they say nothing, and the share of
 # the pixels that three levels need.
