@@ -623,6 +623,17 @@ def test_exposures_that_nobody_told_are_estimated_up_to_a_power(row):
     assert re.match("the exposures are estimated .*any power of the curve fits as well", found.warnings[0][-1])
 
 
+@pytest.mark.parametrize("n", [31, 70])
+def test_many_close_exposures_are_estimated_too(n):
+    series = render_series(GAMMA, 3, size=(120, 80), stops=np.linspace(-1.5, 1.5, n).tolist())
+    found = calibrate_series(series.images, None)
+    (low, high), truth = found.bands[0.9], invert(GAMMA)
+    assert np.mean((low <= truth) & (truth <= high)) > 0.85
+    told = found.observations.exposures[0]
+    assert np.corrcoef(told, series.stops)[0, 1] > 0.999, "even steps"
+    assert 1.5 < np.ptp(told) < 6
+
+
 def test_a_floor_that_does_not_follow_the_exposure_is_found_and_told():
     series = render_series(load_opencrf().curves[5], 3, size=(192, 128), stops=np.arange(-4.0, 3.0), decades=4.5)
     assert not black_floor(series.images, series.stops, calibrate_series(series.images, series.stops).curves).any()
