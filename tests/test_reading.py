@@ -104,6 +104,57 @@ def test_planes_that_need_another_decoder_are_refused(tmp_path):
         read_levels(tmp_path / "a.tif")
 
 
+def test_a_codec_that_is_not_installed_costs_one_file(tmp_path, monkeypatch):
+    tifffile.imwrite(tmp_path / "a.tif", noise(3, 8, 8), photometric="rgb", planarconfig="separate", metadata=None)
+
+    def lack(page):
+        raise ModuleNotFoundError("No module named 'compression'")
+
+    monkeypatch.setattr(tifffile.TiffPage, "asarray", lack)
+    with pytest.raises(
+        FormatError, match=r"^a\.tif cannot be decoded \(its compression needs the 'imagecodecs' package"
+    ):
+        read_levels(tmp_path / "a.tif")
+
+
+def packed_tiff(levels, bits):
+    """Write grey levels as machine vision does: without a gap between numbers of so many bits."""
+    rows = (levels[..., None] >> np.arange(bits - 1, -1, -1)) & 1
+    data = np.packbits(rows.astype(np.uint8).reshape(len(levels), -1), axis=1).tobytes()
+    values = {256: levels.shape[1], 257: len(levels), 258: bits, 259: 1, 262: 1, 273: 8 + 2 + 8 * 12 + 4}
+    values |= {277: 1, 279: len(data)}
+    tags = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in values.items())
+    return b"II*\0\x08\0\0\0" + struct.pack("<H", len(values)) + tags + bytes(4) + data
+
+
+def test_packed_levels_have_their_own_white(tmp_path):
+    levels = np.arange(4096).reshape(64, 64)
+    (tmp_path / "a.tif").write_bytes(packed_tiff(levels, 12))
+    np.testing.assert_array_equal(read_levels(tmp_path / "a.tif"), np.rint(levels * (65535 / 4095)))
+    assert find_white_level([tmp_path / "a.tif"]) == (None, [])
+    np.testing.assert_array_equal(read_levels(tmp_path / "a.tif", 2047)[:2, 0], np.rint([0, 64 * 65535 / 2047]))
+    for bits in (10, 14):
+        (tmp_path / "a.tif").write_bytes(packed_tiff(levels % 2**bits, bits))
+        with pytest.raises(FormatError, match=r"a\.tif is not a readable .*of whole numbers of 8 or 16 bits"):
+            read_levels(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        (b"GIF89a\1\0", "GIF"), (b"BM\x36\0", "BMP"), (b"\0\0\0\x0cjP  \r\n\x87\n", "JPEG 2000"),
+        (b"\xff\x4f\xff\x51\0", "JPEG 2000"), (b"\xff\x0a\xfa", "JPEG XL"), (b"\0\0\0\x0cJXL \r\n", "JPEG XL"),
+        (b"\n<!DOCTYPE html><html>", "HTML or XML"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git-lfs pointer"),
+    ],
+)  # fmt: skip
+def test_a_complete_file_of_another_kind_is_called_by_it(tmp_path, content, kind):
+    for name, fitting in (("a.jpg", "JPEG, PNG, TIFF, HEIC, AVIF or WebP"), ("a.dng", "RAW")):
+        (tmp_path / name).write_bytes(content + bytes(100))
+        with pytest.raises(FormatError, match=rf"^{name} is an? {kind} file by its first bytes; use a {fitting} file$"):
+            read_exif(tmp_path / name)
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("below", [False, True])
 def test_the_page_of_a_thumbnail_is_not_the_image(tmp_path, dtype, below):
@@ -412,10 +463,10 @@ def test_an_edited_copy_is_not_another_photograph(tmp_path):
 def test_a_copy_is_not_another_photograph(tmp_path):
     for name, time in (("IMG_1", 0.1), ("IMG_2", 0.2)):
         save_jpeg(tmp_path / f"{name}.jpg", {TIME: time})
-    shutil.copy(tmp_path / "IMG_1.jpg", tmp_path / "IMG_1 (copy).jpg")
+    shutil.copy(tmp_path / "IMG_1.jpg", tmp_path / "IMG_1 bis.jpg")
     plan = plan_photographs(tmp_path)
-    assert [pair.name for pair in plan.pairs] == ["IMG_1 (copy)", "IMG_2"]
-    assert list(plan.problems.values()) == ["IMG_1.jpg is a copy of IMG_1 (copy).jpg"]
+    assert [pair.name for pair in plan.pairs] == ["IMG_1 bis", "IMG_2"]
+    assert list(plan.problems.values()) == ["IMG_1.jpg is a copy of IMG_1 bis.jpg"]
     assert len(plan_photographs(tmp_path, [1, 2, 4]).pairs) == 3, "told to be three exposures"
 
 

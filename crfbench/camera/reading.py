@@ -51,6 +51,12 @@ _DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, EOFError, ValueError, TypeError, KeyError, IndexError, SyntaxError, OverflowError, RuntimeError),
     *(ZeroDivisionError, AttributeError, struct.error, zlib.error, lzma.LZMAError),
 )
+# How files begin that people give by the names of photographs, in small letters.
+_OTHER_KINDS = {
+    **{b"gif8": "a GIF", b"bm": "a BMP", b"<": "an HTML or XML", b"version https://git-lfs": "a git-lfs pointer"},
+    **{b"\0\0\0\x0cjp": "a JPEG 2000", b"\xffo\xffq": "a JPEG 2000", b"\xff\n": "a JPEG XL", b"v/1\1": "an OpenEXR"},
+    b"\0\0\0\x0cjxl": "a JPEG XL",
+}
 
 Pixels = TypeVar("Pixels", bound=NDArray[Any])
 
@@ -132,7 +138,7 @@ def read_image(path: Path, white_level: int | None = None) -> NDArray[np.float32
 def read_levels(path: Path, white_level: int | None = None) -> NDArray[Any]:
     """Read what an image file holds, uint8 or uint16, as `read_image` does, or raise `FormatError`.
 
-    `white_level` is stretched to 65535.
+    `white_level` is stretched to 65535, and so is by itself the greatest number of the 12 bits that a TIFF file packs.
     """
     path = Path(path)
     image = _open_image(path)
@@ -147,14 +153,15 @@ def read_levels(path: Path, white_level: int | None = None) -> NDArray[Any]:
         pixels = pixels[..., :-1]
     if pixels.ndim == 3 and image.decoder.mode in _GREY:
         pixels = pixels[..., 0]
+    white_level = white_level or (2**image.bits - 1 if 8 < image.bits < 16 else None)
     if white_level is not None and pixels.dtype == np.uint16:
         pixels = np.minimum(np.rint(np.arange(65536) * (65535 / white_level)), 65535).astype(np.uint16)[pixels]
     return np.ascontiguousarray(pixels)
 
 
 def top_level(path: Path) -> tuple[int, float]:
-    """Return the greatest level of an image of 16 bits and the share of its values there; of 8 bits (0, 0)."""
-    if _open_image(path).bits == 8:
+    """Return the greatest level of an image of 16 bits and the share of its values there; of fewer (0, 0)."""
+    if _open_image(path).bits < 16:
         return 0, 0.0
     levels = read_levels(path)
     return int(levels.max()), np.count_nonzero(levels == levels.max()) / levels.size
@@ -216,7 +223,7 @@ def _open_raw(path: Path) -> Iterator[Any]:
                 raise FormatError(f"{path.name} has a sensor of the colours {colours!r}; {use}")
             yield raw
     except (rawpy.LibRawError, rawpy.NotSupportedError):
-        raise FormatError(f"{path.name} is not a readable RAW file; use a complete one") from None
+        raise _unreadable(path, content, "RAW", "a complete one") from None
 
 
 class _Image(NamedTuple):
@@ -225,7 +232,7 @@ class _Image(NamedTuple):
     kind: str
     decoder: Any  # Pillow's view of it, or libheif's
     tags: dict[int, Any]
-    bits: int
+    bits: int  # 8 or 16, or those that a TIFF file packs
     content: bytes
 
 
@@ -242,8 +249,7 @@ def _open_image(path: Path) -> _Image:
         except FormatError:
             raise
         except damage:
-            use = "use a complete one, of whole numbers of 8 or 16 bits"
-            raise FormatError(f"{path.name} is not a readable {IMAGES} file; {use}") from None
+            raise _unreadable(path, content, IMAGES, "a complete one, of whole numbers of 8 or 16 bits") from None
     width, height = image.decoder.size
     _check_size(path, width, height)
     if path.suffix.lower() in RAW_SUFFIXES and max(width, height) < MIN_PREVIEW:
@@ -254,6 +260,14 @@ def _open_image(path: Path) -> _Image:
         kind = f"{mode} with transparency" if mode in _MODES else mode
         raise FormatError(f"{path.name} is a {kind} image; use RGB or grey with 8 or 16 bits and without alpha")
     return image
+
+
+def _unreadable(path: Path, content: bytes, kind: str, use: str) -> FormatError:
+    """Say which other kind a file is by its first bytes, or else that it is damaged."""
+    start = content[:64].lstrip().lower()
+    if other := next((name for head, name in _OTHER_KINDS.items() if start.startswith(head)), None):
+        return FormatError(f"{path.name} is {other} file by its first bytes; use a {kind} file")
+    return FormatError(f"{path.name} is not a readable {kind} file; use {use}")
 
 
 def _preview(path: Path) -> bytes:
@@ -291,7 +305,7 @@ def _opened(content: bytes, name: str) -> _Image:
     image: Any = Image.open(BytesIO(content), formats=("JPEG", "PNG", "TIFF", "WEBP", "AVIF"))
     kind = "JPEG" if image.format == "MPO" else str(image.format)
     bits = content[24] if kind == "PNG" else max(image.tag_v2.get(_BITS, (1,))) if kind == "TIFF" else 8
-    return _Image(kind, image, tags | _exif_tags(kind, image), 16 if bits == 16 else 8, content)
+    return _Image(kind, image, tags | _exif_tags(kind, image), bits if 8 < bits <= 16 else 8, content)
 
 
 def _largest_page(content: bytes, name: str) -> int:
@@ -313,7 +327,7 @@ def _decode(image: _Image) -> NDArray[Any]:
     import cv2
 
     pixels: Any
-    if image.kind in ("HEIF", "WEBP", "AVIF") or (image.kind, image.bits) == ("TIFF", 8):
+    if image.kind in ("HEIF", "WEBP", "AVIF") or (image.kind == "TIFF" and image.bits < 16):
         pixels = np.array(image.decoder)  # a copy, as libheif frees its own
         return _turned(pixels, image.tags.get(_ORIENTATION)) if image.kind in ("WEBP", "AVIF") else pixels
     if image.kind == "TIFF" and image.decoder.tag_v2.get(_PLANAR) == 2:
@@ -337,7 +351,10 @@ def _decode_planes(image: _Image) -> NDArray[Any]:
     from tifffile import TiffFile
 
     with TiffFile(BytesIO(image.content)) as file:
-        planes = file.pages.first.asarray()
+        try:
+            planes = file.pages.first.asarray()
+        except ImportError:
+            raise ValueError("its compression needs the 'imagecodecs' package") from None
     return _turned(planes if planes.ndim == 2 else np.moveaxis(planes, 0, -1), image.tags.get(_ORIENTATION))
 
 
