@@ -136,6 +136,29 @@ def test_debevecs_g_is_a_logarithm_and_exposures_are_not(c, shift):
     near(decode("debevec", npy(noisy)), RGB[:c], 3e-3)
 
 
+def test_g_in_opencvs_shape_is_a_logarithm_too(tmp_path):
+    g = np.log(SAMPLES[:, None, ::-1] + 1e-5).astype(np.float32)
+    (tmp_path / "g.npy").write_bytes(npy(g))
+    near(read_response(tmp_path / "g.npy"), RGB, 1e-4)
+
+
+def test_pfstools_leaves_gaps_where_it_saw_nothing():
+    y = np.interp(LEVELS, GRID, RGB[0])
+    gaps = y.copy()
+    gaps[[40, 90, 91]] = 0
+    gaps[:3] = -0.001
+    with np.errstate(all="ignore"):
+        logarithms = np.log10(gaps)
+    text = "# Camera response curve\n# name: IY\n" + rows(np.column_stack([logarithms, np.arange(256), gaps]))
+    assert "nan" in text
+    assert "-inf" in text
+    near(decode("pfstools", text.encode()), RGB[:1], 1e-3)
+    gaps[-1] = 0
+    text = "# Camera response curve\n# name: IY\n" + rows(np.column_stack([0 * y, np.arange(256), gaps]))
+    with pytest.raises(FormatError, match=r"its last values are \[0\.0\]"):
+        decode("pfstools", text.encode())
+
+
 @pytest.mark.parametrize("levels", [256, 4096])
 def test_responses_of_pfstools(levels):
     x = np.linspace(0, 1, levels)
@@ -240,6 +263,22 @@ def test_of_a_wider_input_the_part_from_0_to_1_counts(kind, low, high, scale):
 def test_a_narrower_input_is_refused(kind, low, high):
     with pytest.raises(FormatError):
         decode({"range": "cube", "domain": "cube"}.get(kind, kind), lut_file(kind, np.linspace(0, 1, 33), low, high))
+
+
+@pytest.mark.parametrize("kind", ["range", "domain", "spi1d", "csp"])
+@pytest.mark.parametrize("white", [255, 1023, 4095])
+def test_levels_of_the_input_are_brightness(kind, white):
+    reader = {"range": "cube", "domain": "cube"}.get(kind, kind)
+    found = decode(reader, lut_file(kind, np.linspace(0, 1, 1024) ** 2.2, 0, white))
+    np.testing.assert_allclose(found.curves[0], GRID**2.2, atol=1e-7)
+    with pytest.raises(FormatError, match=r"0 to 1 holds \S+ of its 1024 samples; use a table that has 16 or more"):
+        decode(reader, lut_file(kind, np.linspace(0, 1, 1024) ** 2.2, 0, 1000))
+
+
+def test_a_table_in_utf_16_or_windows_1252():
+    text = 'TITLE "Küche – Tag"\n' + CUBE
+    for coding in ("utf-16", "cp1252"):
+        assert decode("cube", text.encode(coding)).camera == "Küche – Tag"
 
 
 def test_pre_luts_shape_the_input():

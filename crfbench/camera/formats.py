@@ -181,7 +181,7 @@ def _read_opencv(data: bytes) -> Passport:
     ``cv2.createMergeDebevec().process(images, times, numpy.load(path))`` takes what is written as it is, and what
     ``cv2.createCalibrateDebevec()`` gives can be saved as it is (https://docs.opencv.org, module photo), by
     ``numpy.save``, by ``numpy.savetxt`` as rows of three, or by ``cv2.FileStorage``. An entry is the irradiance of an
-    8-bit brightness, not its logarithm. The curve is let begin at 0.
+    8-bit brightness; values below 0 are its logarithm, Debevec's g. The curve is let begin at 0.
     """
     return _from_black(_load_levels(data)[:, ::-1])
 
@@ -193,12 +193,11 @@ def _read_debevec(data: bytes) -> Passport:
     g has values far below 0; an array of the same shape without them, as colour-hdri saves its responses
     (https://github.com/colour-science/colour-hdri), holds exposures themselves.
     """
-    g = _load_levels(data)
-    return _from_black(np.exp(g - g[-1]) if g.min() < -0.05 * g.max() else g)
+    return _from_black(_load_levels(data))
 
 
 def _load_levels(data: bytes) -> Array:
-    """Read the values of 256 brightnesses, (256, 1) or (256, 3), from an array, a matrix of OpenCV or rows of text."""
+    """Read exposures of 256 brightnesses, (256, 1) or (256, 3), or their g, from an array, OpenCV's matrix or text."""
     if data.startswith(b"\x93NUMPY"):
         values = _load_array(data).astype(np.float64)
     elif matrix := _MATRIX.search(text := decode_text(data)):
@@ -208,7 +207,8 @@ def _load_levels(data: bytes) -> Array:
         values = numbers(rows_of(text.replace(",", " ")), "the table")
     if values.shape not in _SHAPES:
         raise FormatError(f"it has shape {values.shape}; use (256, 1, 3), (256, 3) or (256,)")
-    return values.reshape(_LEVELS, -1)
+    g = values.reshape(_LEVELS, -1)
+    return np.exp(g - g[-1]) if g.min() < -0.05 * g.max() else g
 
 
 def _from_black(samples: Array) -> Passport:
@@ -221,18 +221,21 @@ def _read_pfstools(data: bytes) -> Passport:
 
     What ``pfshdrcalibrate --save-response`` writes (https://pfstools.sourceforge.net): a matrix a channel (IR, IG, IB,
     or IY for luminance) with the columns log10 of irradiance, brightness from 0 up to any number, and irradiance of any
-    scale; then the weights of the brightnesses.
+    scale; then the weights of the brightnesses. Irradiance 0 above black is that of a brightness never seen.
     """
     _, *parts = re.split(r"^# name:\s*(\w+)", decode_text(data), flags=re.MULTILINE)
     matrices = dict(zip(parts[::2], parts[1::2], strict=True))
     names = [name for name in ("IY", "IR", "IG", "IB") if name in matrices]
     if len(names) not in (1, 3):
         raise FormatError(f"it has the channels {', '.join(names) or 'none'}; use IR, IG and IB, or IY")
-    tables = [numbers(rows_of(matrices[name]), f"the matrix {name}") for name in names]
-    shape, levels = tables[0].shape, np.arange(len(tables[0]))
-    if shape[1] != 3 or not all(each.shape == shape and (each[:, 1] == levels).all() for each in tables):
-        raise FormatError(f"its matrices begin with shape {shape}; use 3 columns, the second from 0 up, in each")
-    return _from_black(np.array([each[:, 2] for each in tables]).T)
+    tables = [numbers([row[1:] for row in rows_of(matrices[name])], f"the matrix {name}") for name in names]
+    shape, levels = tables[0].shape, np.arange(len(tables[0]), dtype=np.float64)
+    if shape[1] != 2 or not all(each.shape == shape and (each[:, 0] == levels).all() for each in tables):
+        raise FormatError(
+            f"its matrices begin with shape ({shape[0]}, {shape[1] + 1}); use 3 columns, the second from 0 up"
+        )
+    seen = [each[(each[:, 1] > 0) | (levels == 0)] for each in tables]
+    return _from_black(np.array([np.interp(levels, each[:, 0], each[:, 1], right=0.0) for each in seen]).T)
 
 
 def _read_radiance(data: bytes) -> Passport:

@@ -14,14 +14,15 @@ from crfbench.errors import FormatError
 END_TOLERANCE = 1e-6
 # Debevec's method leaves small falls where few pixels were seen, and log tables a small rest at black.
 _MOST_REPAIR = 0.01
+_WHITES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)  # of inputs that count levels from 0
 
 
 def decode_text(data: bytes) -> str:
-    r"""Decode UTF-8, with or without a byte order mark, else Latin-1, which old programs write; lines end in \\n."""
+    r"""Decode UTF-16 by its mark, UTF-8, or else Windows-1252 (and Latin-1), of old programs; lines end in \\n."""
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")
+        text = data.decode("cp1252", "replace")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -42,15 +43,24 @@ def numbers(rows: list[list[str]], where: str) -> Array:
 def on_grid(samples: Array, low: ArrayLike = 0.0, high: ArrayLike = 1.0) -> Array:
     """Bring two or more even samples from `low` to `high`, shape (m, c), onto the grid, (c, 1024).
 
-    The ends are one number, or one a channel; a table that does not cover 0 to 1 is a `FormatError`.
+    The ends are one number, or one a channel. From 0 to 255, 1023, 4095, 16383 or 65535 they count levels, the last of
+    which is white. A table that does not cover 0 to 1, or with too few samples of it, is a `FormatError`.
     """
     if len(samples) < 2:
         raise FormatError(f"it has {len(samples)} samples; use two or more")
     low, high = np.broadcast_to(low, samples.shape[1]), np.broadcast_to(high, samples.shape[1])
     if low.max() > END_TOLERANCE or high.min() < 1.0 - END_TOLERANCE:
         raise FormatError(f"its input runs from {low.max():.4g} to {high.min():.4g}; use a table that covers 0 to 1")
-    axes = np.linspace(low, high, len(samples))
+    axes = _as_brightness(np.linspace(low, high, len(samples)), len(samples))
     return np.array([np.interp(GRID, x, column) for x, column in zip(axes.T, samples.T, strict=True)])
+
+
+def _as_brightness(inputs: Array, n: int) -> Array:
+    """Return the rising inputs of a table of `n` samples as brightness, or refuse too few samples from 0 to 1."""
+    inputs = inputs / np.where((inputs[0] == 0) & np.isin(inputs[-1], _WHITES), inputs[-1], 1.0)
+    if (part := 1 / np.ptp(inputs, axis=0).max()) < 0.25 and part * n < 16:
+        raise FormatError(f"0 to 1 holds {part * n:.2g} of its {n} samples; use a table that has 16 or more there")
+    return inputs
 
 
 def scaled(curves: Array, direction: Direction = "inverse", **known: Any) -> Passport:
@@ -86,8 +96,8 @@ def read_cube(data: bytes) -> Passport:
     """Read a one-dimensional lookup table in the cube format of Adobe (IRIDAS) and Resolve: it makes an image linear.
 
     Cube LUT Specification 1.0, Adobe Systems 2013; ``LUT_1D_INPUT_RANGE``, one range for all channels, is Resolve's
-    (LUT format of DaVinci Resolve, Blackmagic Design). A table of any size, whose domain covers 0 to 1: of a wider one
-    that part counts. One for video levels is a `FormatError`. Keeps the camera as its title.
+    (LUT format of DaVinci Resolve, Blackmagic Design). A table of any size, whose input covers 0 to 1 as `on_grid` has
+    it. One for video levels is a `FormatError`. Keeps the camera as its title.
     """
     text = decode_text(data)
     title = _TITLE.search(text)
@@ -150,7 +160,8 @@ def read_csp(data: bytes) -> Passport:
     if rows[0] != [str(len(table))] or table.shape[1] != 3:
         raise FormatError(f"its table has shape {table.shape} below the size {' '.join(rows[0])[:20]}")
     x = np.linspace(0.0, 1.0, len(table))
-    shaped = zip((red, green, blue), table.T, strict=True)
+    shapes = ((_as_brightness(inputs, len(table)), outputs) for inputs, outputs in (red, green, blue))
+    shaped = zip(shapes, table.T, strict=True)
     return scaled(np.array([np.interp(np.interp(GRID, *before), x, column) for before, column in shaped]))
 
 
