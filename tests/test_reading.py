@@ -328,6 +328,10 @@ def test_the_white_level_is_guessed_where_it_is_plain(tmp_path):
     assert find_white_level([tmp_path / "dark.png", tmp_path / "tall.png"]) == (None, [])
     Image.new("L", (8, 8)).save(tmp_path / "eight.png")
     assert find_white_level([tmp_path / "eight.png", tmp_path / "nowhere.png"]) == (None, [])
+    cv2.imwrite(str(tmp_path / "byte.png"), (values // 16).astype(np.uint16))
+    level, notes = find_white_level([tmp_path / "byte.png"])
+    assert (level, "end at 255, which is taken as white" in notes[0]) == (255, True), "of 8 bits in 16"
+    assert read_levels(tmp_path / "byte.png", 255).max() == 65535
     stretched = read_levels(tmp_path / "full.png", 4095)
     np.testing.assert_array_equal(stretched, np.rint(images["full"][0] * (65535 / 4095)))
     assert read_levels(tmp_path / "full.png", 1000).max() == 65535
@@ -458,6 +462,42 @@ def test_an_edited_copy_is_not_another_photograph(tmp_path):
     pairs, problems = pair_photographs(tmp_path)
     assert [pair.name for pair in pairs] == ["IMG_1", "IMG_2-edited"]
     assert next(iter(problems.values())) == "IMG_1-edited.jpg is an edited copy of IMG_1.JPG by its name"
+
+
+@pytest.mark.parametrize(
+    "copy",
+    [
+        "IMG_E1002", "IMG_1002 (edited)", "IMG_1002-Enhanced-NR", "IMG_1002~2", "IMG_1002-bearbeitet", "IMG_1002_edit2",
+        "IMG_1002 copy", "IMG_1002 (copy)", "IMG_1002 - Copy", "IMG_1002 (1)",
+    ],
+)  # fmt: skip
+def test_edited_copies_have_many_names(tmp_path, copy):
+    touch(tmp_path, "IMG_1001.JPG", "IMG_1002.JPG", f"{copy}.JPG")
+    pairs, problems = pair_photographs(tmp_path)
+    assert [pair.name for pair in pairs] == ["IMG_1001", "IMG_1002"]
+    assert list(problems.values()) == [f"{copy}.JPG is an edited copy of IMG_1002.JPG by its name"]
+    (tmp_path / "IMG_1002.JPG").unlink()
+    assert len(names_of(tmp_path)) == 2, "without its original it is the photograph"
+
+
+def test_series_whose_names_end_as_those_of_copies_are_whole(tmp_path):
+    touch(
+        tmp_path, *(f"wall{end}.jpg" for end in ("", "-2", "-3", "_1", "_2", " (1)", " (2)")), "img_e.jpg", "IMG_1.jpg"
+    )
+    assert len(names_of(tmp_path)) == 9
+
+
+def test_an_edited_copy_beside_raw_files_is_none_too(tmp_path):
+    touch(tmp_path, "IMG_1.CR3", "IMG_1.JPG", "IMG_1-Enhanced-NR.dng", "IMG_E1.JPG")
+    pairs, problems = pair_photographs(tmp_path)
+    assert [(pair.jpeg.name, pair.raw.name) for pair in pairs] == [("IMG_1.JPG", "IMG_1.CR3")]
+    assert all("is an edited copy of IMG_1." in problem for problem in problems.values())
+
+
+def test_a_file_that_is_given_twice_is_told(three):
+    plan = plan_photographs([three / "c.jpg", three / "d.jpg", three / "c.jpg"], [1, 2])
+    assert [pair.name for pair in plan.pairs] == ["c", "d"]
+    assert plan.notes == ["c.jpg is given more than once and counts once"]
 
 
 def test_a_copy_is_not_another_photograph(tmp_path):

@@ -31,7 +31,8 @@ Problems = dict[Path, str]
 
 # Pixel phones name the two files of one photograph X.RAW-01.COVER.jpg and X.RAW-02.ORIGINAL.dng.
 _PIXEL_PART = re.compile(r"\.raw-\d+(\.mp)?\.(cover|original)$")
-_EDITED = re.compile(r"[-_ ]edit(ed)?$")
+# Not -2, which tells the photographs of a series apart.
+_EDITED = re.compile(r"[-_ ]+\(?(edit(ed)?\d*|enhanced[-\w]*|bearbeitet|copy)\)?$|~\d$| \(1\)$|(?<=^img_)e(?=\d+$)")
 # 1_60s and 1-60s; 0.5s, 4ms and 250us, each with sec for s too.
 _TIME = re.compile(r"(?<![0-9a-z.])(?:(1)[-_](\d+)|(\d*\.?\d+) ?(u|m)?)s(?:ec)?(?![0-9a-z])")
 _PER_SECOND = {"": 1, "m": 1000, "u": 1_000_000}
@@ -87,8 +88,8 @@ def pair_photographs(source: Source) -> tuple[list[Pair], Problems]:
 
     Upper and lower case are the same, and so are the two names that Pixel phones give. Where a name occurs in several
     folders, partners lie in one. Of several images beside a RAW file the only JPEG is its partner, and without any its
-    own preview is. Where there is no RAW file at all, every image stands alone, but for one named as the edited copy of
-    another.
+    own preview is. Where there is no RAW file at all, every image stands alone. Edited
+    copies by their names are left out.
 
     Parameters
     ----------
@@ -110,10 +111,15 @@ def pair_photographs(source: Source) -> tuple[list[Pair], Problems]:
             groups[_key(path)].append(path)
         else:
             problems[path] = _unknown_kind(path)
+    for key in list(groups):
+        original = _EDITED.sub("", key)
+        if original != key and original in groups and f"{original} (2)" not in groups:  # (1), (2) are of downloads
+            why = f"is an edited copy of {groups[original][0].name} by its name"
+            problems |= {path: f"{path.name} {why}" for path in groups.pop(key)}
     if any(_is_raw(path) for group in groups.values() for path in group):
         found = [_pair(paths) for group in groups.values() for paths in _by_folder(group)]
     else:
-        found = [_alone(path, groups) for group in groups.values() for path in group]
+        found = [Pair("", path) for group in groups.values() for path in group]
     pairs = [each for each in found if isinstance(each, Pair)]
     for each in found:
         problems |= {} if isinstance(each, Pair) else each
@@ -169,12 +175,6 @@ def _by_folder(paths: list[Path]) -> Iterable[list[Path]]:
     return [paths] if len(paths) == 2 and _is_raw(paths[0]) != _is_raw(paths[1]) else folders.values()
 
 
-def _alone(path: Path, groups: dict[str, list[Path]]) -> Pair | Problems:
-    if (original := groups.get(_EDITED.sub("", _key(path)), [path])[0]) in groups[_key(path)]:
-        return Pair("", path)
-    return {path: f"{path.name} is an edited copy of {original.name} by its name"}
-
-
 def _pair(paths: list[Path]) -> Pair | Problems:
     raws = [path for path in paths if _is_raw(path)]
     images = [path for path in paths if not _is_raw(path)]
@@ -226,6 +226,8 @@ def plan_photographs(
     if white_level is None:
         white_level, guess = find_white_level([pair.jpeg for pair in pairs])
         notes = notes + guess
+    twice = (path for path, count in Counter(map(Path, given)).items() if count > 1)
+    notes = [*notes, *(f"{path.name} is given more than once and counts once" for path in twice)]
     plan = Plan(pairs, exifs, times, stops, {}, notes, white_level).without(problems)
     # With so few, what lies in folders beside the photographs may be what was meant.
     inner = [file for path in map(Path, given) if path.is_dir() and len(pairs) < 2 for file in sorted(path.iterdir())]
@@ -379,7 +381,7 @@ def _as_text(time: float) -> str:
 def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
     """Guess the white level of images with 16 bits a value from their greatest level, and say so.
 
-    Where that is the greatest number of 10, 12 or 14 bits, or up to a tenth less and held by a thousandth of all
+    Where that is the greatest number of 8, 10, 12 or 14 bits, or up to a tenth less and held by a thousandth of all
     values of an image, as saturated ones are, it is white. Of several images, where none needs more than 14 bits, the
     greatest number of the bits that they need is. None means 65535.
     """
@@ -388,10 +390,10 @@ def find_white_level(paths: Iterable[Path]) -> tuple[int | None, list[str]]:
         with suppress(FormatError):  # what is damaged is named where its pixels are needed
             tops.append(WORKER.run(top_level, path))
     (level, share), several = max(tops), len(tops) > 2  # beside the one that stands for none
-    for full in (1023, 4095, 16383):
+    for full in (255, 1023, 4095, 16383):
         if level == full or (0.9 * full < level < full and share >= 1e-3):
             return level, [f"values of 16 bits end at {level}, which is taken as white; --white-level sets another"]
-        if several and 255 < level < full:
+        if several and 0 < level < full:
             return full, [f"values of 16 bits end at {level}: white is taken as {full}; --white-level sets another"]
     unsure = f"values of 16 bits end at {level}; if white is lower than 65535, give --white-level"
     return None, [unsure] if 0 < level < 16383 else []
