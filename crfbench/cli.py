@@ -248,7 +248,7 @@ def calibrate(
 
     options: dict[str, Any] = {
         "chart": chart,
-        "exposures": None if exposures == "exif" else exposures,
+        "exposures": exposures,
         "model": _current_name(model),
         "created": datetime.date.today().isoformat(),
         "channels": channels,

@@ -12,6 +12,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import OpenEXR
+import pandas as pd
 import pillow_heif
 import pytest
 import rawpy
@@ -21,6 +22,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from crfbench import camera
 from crfbench.camera.photographs import (
+    _given_times,
     find_white_level,
     list_photographs,
     pair_photographs,
@@ -500,6 +502,16 @@ def test_a_file_that_is_given_twice_is_told(three):
     assert plan.notes == ["c.jpg is given more than once and counts once"]
 
 
+def test_what_times_do_not_match_names_the_files_beside(three):
+    touch(three, "e.bmp", "f.jxl", "times.csv")
+    (three / "times.csv").write_text("1\n2\n3\n4\n5\n")
+    for times in ([1, 2, 3, 4, 5], "1,2,3,4,5"):
+        with pytest.raises(InputError, match=r"do not match 3 photographs \(a b\.jpg, .*; left out are e\.bmp, f\.jxl"):
+            plan_photographs(three, times)
+    with pytest.raises(InputError, match=r"use one time above 0 for each; left out are e\.bmp, f\.jxl$"):
+        plan_photographs(three, str(three / "times.csv"))
+
+
 def test_a_copy_is_not_another_photograph(tmp_path):
     for name, time in (("IMG_1", 0.1), ("IMG_2", 0.2)):
         save_jpeg(tmp_path / f"{name}.jpg", {TIME: time})
@@ -522,8 +534,14 @@ def three(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "exposures", ["1/60, 1/30,0.5s", "1/60s,1/30 s,500ms", ["1/60", "1/30", 0.5], [1 / 60, 1 / 30, 0.5]]
-)
+    "exposures",
+    [
+        "1/60, 1/30,0.5s", "1/60s,1/30 s,500ms", ["1/60", "1/30", 0.5], [1 / 60, 1 / 30, 0.5],
+        "1/60 sec,1/30sec,0.5 seconds", "1/60;1/30;0,5", ["1/0.06ms", "1/30", "500000 µs"],
+        np.array(["1/60", "1/30", "0.5"]), np.array(["1/60", "1/30", 0.5], object), pd.Series(["1/60", "1/30", "0.5"]),
+        pd.Series([1 / 60, 1 / 30, 0.5]),
+    ],
+)  # fmt: skip
 def test_times_are_fractions_too(three, exposures):
     np.testing.assert_allclose(times_of(three, exposures), [1 / 60, 1 / 30, 0.5])
     table = plan_photographs(three, exposures).table().splitlines()
@@ -541,6 +559,9 @@ def test_many_times_are_no_name_of_a_file(tmp_path, between):
         plan_photographs(tmp_path, "1" + 5000 * f"{between}1")
 
 
+NAMED = "is read as lines of name and time"
+
+
 @pytest.mark.parametrize(
     ("name", "text", "note"),
     [
@@ -550,6 +571,21 @@ def test_many_times_are_no_name_of_a_file(tmp_path, between):
         ("list.txt", "a b.jpg 2\nc.jpg 1\nd.jpg 0.5", "list.txt is read as lines of name and 1/time, as in OpenCV's"),
         ("t.txt", "d 1305031102.2 2\nc 1305031102.1 1\na b 1305031102.0 1/2", "lines of name and time"),
         ("t.txt", "0.5\n1\n2\n", ""),
+        ("t.txt", "exposure\n0.5\n1\n2\n", ""),
+        ("t.csv", "Time [ms]\n500\n1000\n2000\n", ""),
+        ("t.csv", "0,5;1;2\n", ""),
+        ("t.csv", "file,exposure,index\na b.jpg,0.5,1\nc.jpg,1,2\nd.jpg,2,3\n", NAMED),
+        ("t.csv", "exposure_ms,file,time\n500,a b.jpg,12:01\n1000,c.jpg,12:02\n2000,d.jpg,12:03\n", NAMED),
+        ("t.csv", "file,ExposureCompensation,ExposureTime\na b.jpg,0,1/2\nc.jpg,1,1\nd.jpg,2,2\n", NAMED),
+        ("t.csv", "file,timestamp,shutter (us),note\na b.jpg,7,5e5,\nc.jpg,8,1e6,x\nd.jpg,9,2e6,\n", NAMED),
+        ("t.csv", "file,exposure\na b.jpg,0.5,\nc.jpg,1,,\nd.jpg,2\n", NAMED),
+        ("t.txt", "file seconds iso\na b.jpg 0.5 100\nc.jpg 1 100\nd.jpg 2 100", NAMED),
+        ("t.csv", "a b.jpg;100;0,5\nc.jpg;100;1,0\nd.jpg;100;2\n", NAMED),
+        ("t.txt", "a b.jpg\t0,5\nc.jpg\t1\nd.jpg\t2,0\n", NAMED),
+        ("t.txt", "a b.jpg 500 ms\nc.jpg 1 s\nd.jpg 2000000 µs\n", NAMED),
+        ("t.csv", "SourceFile,ExposureTime,ISO\n./a b.jpg,1/2,100\n./x/c.jpg,1,100\n./d.jpg,2,100\n", NAMED),
+        ("t.txt", "C:\\x y\\a b.jpg\t0.5\nC:\\x y\\c.jpg\t1\nC:\\d.jpg 2\n", NAMED),
+        ("t.csv", '"file","exposure"\n"a b.jpg","0.5"\n"c.jpg","1 s"\n"d.jpg","2"\n', NAMED),
         ("t.txt", "0.5,1,2", ""),
     ],
 )
@@ -562,6 +598,24 @@ def test_times_in_a_file(three, tmp_path_factory, name, text, note):
     plan = plan_photographs(three, str(path))
     np.testing.assert_allclose(plan.times, [0.5, 1, 2])
     assert note in "".join(plan.notes)
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "cp1252", "utf-16"])
+def test_lists_as_programs_and_systems_write_them(tmp_path, coding):
+    names = ("Küche – 1.png", "wall #2.png", "wall#3.png")
+    touch(tmp_path, *names)
+    text = "# of a wall\r\n" + "".join(f"{name}\t{i}\t# said\r\n" for i, name in enumerate(names, 1))
+    (tmp_path / "t.txt").write_bytes(text.encode(coding))
+    times = _given_times(tmp_path / "t.txt", pair_photographs(tmp_path)[0])[0]
+    assert times.tolist() == [1, 2, 3]
+
+
+def test_lists_name_folders_where_names_alone_do_not_do(tmp_path):
+    files = touch(tmp_path, "x/a.jpg", "y/a.jpg")
+    (tmp_path / "t.txt").write_text("shots/x/a.jpg 2\ny\\a.jpg 4\n")
+    assert _given_times(tmp_path / "t.txt", pair_photographs(files)[0])[0].tolist() == [2, 4]
+    (tmp_path / "t.txt").write_text("x/a.jpg 2\nz/a.jpg 4\n")
+    assert np.isnan(_given_times(tmp_path / "t.txt", pair_photographs(files)[0])[0]).tolist() == [False, True]
 
 
 def test_what_a_jpeg_does_not_tell_its_raw_file_does(tmp_path):
@@ -617,7 +671,10 @@ def test_a_list_that_lacks_a_photograph(three):
         ("a_1_60s.jpg", 1 / 60), ("b-1-60sec.jpg", 1 / 60), ("12.jpg", None), ("1_0s.jpg", None),
         ("x 0.5sec.jpg", 0.5),
         ("IMG_0001_2s.jpg", 2), ("cap_250us_3.jpg", 0.00025), ("IMG_1_60.jpg", None), ("iso100s.jpg", None),
-        ("1s_2s.jpg", None), ("x.jpg", None), ("0ms.jpg", None),
+        ("1s_2s.jpg", None), ("x.jpg", None), ("0ms.jpg", None), ("img_000123_exp8000us.jpg", 0.008),
+        ("exp8ms.jpg", 0.008), ("t250us.jpg", 0.00025), ("a_125µs.jpg", 0.000125), ("a_125μs.jpg", 0.000125),
+        ("0.5seconds.jpg", 0.5), ("a 2msec.jpg", 0.002), ("1_800 sec.jpg", 1 / 800), ("1_60 s.jpg", 1 / 60),
+        ("a_0,5s.jpg", 0.5), ("IMG_1_60ms.jpg", 0.06), ("reset8ms.jpg", None), ("8milliseconds.jpg", 0.008),
     ],
 )  # fmt: skip
 def test_times_in_names(tmp_path, name, seconds):
@@ -632,7 +689,29 @@ def test_times_in_names(tmp_path, name, seconds):
     assert plan_photographs([tmp_path / name]).times.tolist() == [7.0], "EXIF counts first"
 
 
-@pytest.mark.parametrize("time", ["0", "-1", "1/0", "nan", "inf", "1e999999999", "5e-324", "a", ""])
+@pytest.mark.parametrize(
+    ("names", "times"),
+    [
+        (["scene_EV-2", "scene_EV0", "scene_EV+1.5"], [0.25, 1, 2**1.5]),
+        (["b_-1.0EV", "b_+1.0EV", "c_0EV"], [0.5, 2, 1]),
+        (["ev_-1", "ev_2", "ev+1"], [0.5, 4, 2]),
+        (["EV-2", "EV0", "x"], None),
+        (["EV-2", "EV0", "EV1_4s"], None),
+        (["lev1", "lev2", "lev3"], None),
+    ],
+)
+def test_exposure_values_in_names(tmp_path, names, times):
+    for name in names:
+        save_jpeg(tmp_path / f"{name}.jpg")
+    files = [tmp_path / f"{name}.jpg" for name in names]
+    for exposures in ("names", None):
+        found = plan_photographs(files, exposures).times
+        assert np.isnan(found).any() if times is None else found.tolist() == times
+
+
+@pytest.mark.parametrize(
+    "time", ["-2s", "1e-3 days", "1/0s", "0", "-1", "1/0", "nan", "inf", "1e999999999", "5e-324", "a", ""]
+)
 def test_times_that_are_none(three, time):
     with pytest.raises(InputError, match="is not an exposure time; use times above 0"):
         plan_photographs(three, f"1,2,{time}")

@@ -96,7 +96,7 @@ def calibrate(
         The chart is sought in every photograph, or marked by hand in a file of labels (`crfbench.camera.load_labels`)
         and sought where that has none; where none shows a chart, RAW files count. "none": RAW files of any scene, or an
         exposure series of one scene; one whose `exposures` are given, too, if there are RAW files.
-    exposures : sequence, path or "names", optional
+    exposures : sequence, path, "names" or "exif", optional
         Exposure times of the photographs in any unit, in the order given, or in natural order of a folder: numbers,
         fractions such as "1/60", a file of them or those in the names, as `plan_photographs` takes them; default by
         EXIF. "estimate": those that best explain the photographs, whatever is told. Given ones are refused where every
@@ -138,6 +138,7 @@ def calibrate(
     key = _inverse_model(model)
     if vignette and chart != "none":
         raise InputError(f"chart={chart!r} tells no vignetting; use 'none' and a series of an evenly lit surface")
+    exposures = None if isinstance(exposures, str) and exposures == "exif" else exposures
     estimated = isinstance(exposures, str) and exposures == _ESTIMATE
     if vignette and estimated:
         raise InputError("estimated exposures leave the vignetting open up to a power; give the exposures")

@@ -3,6 +3,7 @@
 Everything but `read_planned` looks at names and headers alone.
 """
 
+import csv
 import filecmp
 import os
 import re
@@ -17,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from crfbench.camera.luts import decode_text
 from crfbench.camera.reading import IMAGE_SUFFIXES, IMAGES, RAW_SUFFIXES, Exif, read_exif, top_level
 from crfbench.camera.worker import WORKER
 from crfbench.checks import as_numbers
@@ -33,9 +35,18 @@ Problems = dict[Path, str]
 _PIXEL_PART = re.compile(r"\.raw-\d+(\.mp)?\.(cover|original)$")
 # Not -2, which tells the photographs of a series apart.
 _EDITED = re.compile(r"[-_ ]+\(?(edit(ed)?\d*|enhanced[-\w]*|bearbeitet|copy)\)?$|~\d$| \(1\)$|(?<=^img_)e(?=\d+$)")
-# 1_60s and 1-60s; 0.5s, 4ms and 250us, each with sec for s too.
-_TIME = re.compile(r"(?<![0-9a-z.])(?:(1)[-_](\d+)|(\d*\.?\d+) ?(u|m)?)s(?:ec)?(?![0-9a-z])")
-_PER_SECOND = {"": 1, "m": 1000, "u": 1_000_000}
+_UNIT = r"(milli|m|micro|[uµμ])?s(?:ecs?|econds?)?"
+_PER_SECOND = {"": 1, "m": 1000, "milli": 1000}  # else microseconds
+_NUMBER = r"(\d*\.?\d+(?:e[-+]?\d{1,2})?)"
+# 1_60s and 1-60 s; 0.5s, exp4ms and 1/60 sec.
+_TIME = re.compile(
+    rf"(?:(?<![0-9a-z.])|(?<![a-z])(?:exp(?:osure)?|shutter|e?t))"
+    rf"(?:(1)[-_](\d+) ?(?=s)|{_NUMBER}(?:/{_NUMBER})? ?){_UNIT}(?![0-9a-z])"
+)
+_EV = re.compile(r"(?<![a-z])ev[_ ]?([-+]?\d{1,2}(?:\.\d+)?)(?!\d)|(?<![\d.])([-+]?\d{1,2}(?:\.\d+)?)ev(?![a-z])")
+# What names the column of times in a list, the surest word first, and where a comment begins: not in "wall #1.png".
+_HEADS = ("expo.*time", "expo", "shutter", "(?<!date)time(?!stamp)", "sec")
+_COMMENT = re.compile(r"^[ \t]*#.*|[ \t]#(?!\S*\.[a-zA-Z]).*", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -198,15 +209,20 @@ def plan_photographs(
     a time but every name does (or that of its folder), as in ``a_1_60s.png``, ``b-1-60sec.png``, ``4ms/a.png``
     and ``a 0.5s.tif``, the names count. Of several camera models the one with most photographs is kept.
 
-    `exposures` are times above 0, one a photograph in their order: numbers or fractions such as "1/60", or one text of
-    them with commas. "names": those in the names, ``1_60.jpg`` among them. Or a file of times, or of lines with a name
-    and, last, its time (1/time if it is called ``list.txt``, as OpenCV's); ``#`` begins a comment. By default EXIF's.
-    Unless `paired`, RAW files are passed over.
+    `exposures` are times above 0, one a photograph in their order: numbers or texts such as "1/60" and "4 ms", or one
+    text of them with commas. "names": those in the names, ``1_60.jpg`` and ``EV-2`` among them. Or a file of times, or
+    of lines with a name and its time (1/time if it is called ``list.txt``, as OpenCV's): the last word, or the column
+    that a header such as ``exposure_ms`` tells. ``#`` begins a comment; where ``;`` or tabs divide, decimals may have
+    commas. By default EXIF's. Unless `paired`, RAW files are passed over.
     """
     given = [source] if isinstance(source, str | Path) else list(source)
     files = list_photographs(given)
     pairs, problems = pair_photographs(files if paired else [path for path in files if not _is_raw(path)])
-    times, notes = _given_times(exposures, pairs)
+    known, inner = {*map(str, files), str(exposures)}, [path for path in map(Path, given) if path.is_dir()]
+    passed = [path for folder in inner for path in sorted(folder.iterdir()) if str(path) not in known]
+    passed = [path for path in passed if path.name[0] != "."]
+    others = ", ".join(path.name for path in (*passed, *problems))[:300]
+    times, notes = _given_times(exposures, pairs, f"; left out are {others}" if others else "")
     exifs = []
     for pair in pairs:
         try:
@@ -217,7 +233,10 @@ def plan_photographs(
     if times is None and not any(exif.exposure_time for exif in exifs):
         named = _named_times(pairs)
         if not np.isnan(named).any():
-            times, notes = named, ["no file tells its exposure time by EXIF; the times are those in the names"]
+            times, notes = (
+                named,
+                ["no file tells its exposure time by EXIF; times, or their EV, are those in the names"],
+            )
     if times is None:
         times, stops = np.array([exif.exposure_time or np.nan for exif in exifs]), exposure_steps(exifs)
         notes = _constants(exifs) if np.isfinite(stops).any() else []
@@ -230,9 +249,8 @@ def plan_photographs(
     notes = [*notes, *(f"{path.name} is given more than once and counts once" for path in twice)]
     plan = Plan(pairs, exifs, times, stops, {}, notes, white_level).without(problems)
     # With so few, what lies in folders beside the photographs may be what was meant.
-    inner = [file for path in map(Path, given) if path.is_dir() and len(pairs) < 2 for file in sorted(path.iterdir())]
-    passed = [path for path in inner if path not in files and path.name[0] != "."]
-    return plan.without(_other_cameras(plan) | _copies(plan) | {path: _unknown_kind(path) for path in passed})
+    unknown = {path: _unknown_kind(path) for path in passed if len(pairs) < 2}
+    return plan.without(_other_cameras(plan) | _copies(plan) | unknown)
 
 
 def exposure_steps(exifs: Sequence[Exif]) -> Array:
@@ -290,7 +308,7 @@ def _unknown_kind(path: Path) -> str:
     return f"{path.name} is neither RAW nor {IMAGES} by its extension"
 
 
-def _given_times(exposures: Exposures, pairs: Sequence[Pair]) -> tuple[Array | None, list[str]]:
+def _given_times(exposures: Exposures, pairs: Sequence[Pair], also: str = "") -> tuple[Array | None, list[str]]:
     """Return the times that are given, NaN where a list has none for a photograph, and how the list was read."""
     if exposures is None:
         return None, []
@@ -298,75 +316,102 @@ def _given_times(exposures: Exposures, pairs: Sequence[Pair]) -> tuple[Array | N
         return _named_times(pairs, bare=True), []
     names = [pair.jpeg.name for pair in pairs]
     if not isinstance(exposures, str | Path):
-        return as_times(exposures, names), []
+        return as_times(exposures, names, also), []
     if not os.path.isfile(exposures):  # where a long text is no name, Path has an error of the system
-        return as_times(str(exposures).split(","), names), []
-    return _listed_times(Path(exposures), pairs)
+        return as_times(str(exposures).split(";" if ";" in str(exposures) else ","), names, also), []
+    return _listed_times(Path(exposures), pairs, also)
 
 
 def _named_times(pairs: Sequence[Pair], bare: bool = False) -> Array:
     """Return the seconds that names tell, of files or else, where there are several, of folders; NaN where none does.
 
-    A whole name such as 1_60 may be a number in a row too, and counts only if `bare`.
+    A whole name such as 1_60 may be a number in a row too, and counts only if `bare`. Where no name tells a time and
+    each an EV, as scene_EV-2 and +1.0EV do, times are 2^EV.
     """
-    stems = (re.sub(r"^(1[-_]\d+)$", r"\1s", pair.jpeg.stem) if bare else pair.jpeg.stem for pair in pairs)
+    stems = [re.sub(r"^(1[-_]\d+)$", r"\1s", pair.jpeg.stem) if bare else pair.jpeg.stem for pair in pairs]
     folders = [pair.jpeg.parent.name for pair in pairs]
     several = len(set(folders)) > 1
     both = zip(stems, folders, strict=True)
-    return np.array([_named_time(stem) or (several and _named_time(folder)) or np.nan for stem, folder in both])
+    times = [_named_time(stem) or (several and _named_time(folder)) or np.nan for stem, folder in both]
+    values = [_EV.findall(stem.lower().replace(",", ".")) for stem in stems]
+    if np.isnan(times).all() and all(len(found) == 1 for found in values):
+        times = [2 ** float("".join(found)) for (found,) in values]
+    return np.array(times)
 
 
 def _named_time(name: str) -> float | None:
-    found = _TIME.findall(name.lower())
+    found = _TIME.findall(name.lower().replace(",", "."))
     if len(found) != 1:
         return None
-    one, under, number, unit = found[0]
-    return 1 / int(under) if one and int(under) else float(number or 0) / _PER_SECOND[unit]
+    one, under, number, divisor, unit = found[0]
+    below = float(under or divisor or 1) * _PER_SECOND.get(unit, 1_000_000)
+    return float(one or number) / below if below else None
 
 
-def _listed_times(path: Path, pairs: Sequence[Pair]) -> tuple[Array, list[str]]:
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [line for line in (line.partition("#")[0].strip(" \t,;") for line in text.splitlines()) if line]
-    rows = [re.split(r"[\s,;]+", line) for line in lines]
+def _listed_times(path: Path, pairs: Sequence[Pair], also: str) -> tuple[Array, list[str]]:
+    names = [pair.jpeg.name for pair in pairs]
+    rows = [row for line in _COMMENT.sub("", decode_text(path.read_bytes())).split("\n") if any(row := _cells(line))]
+    if rows and not any(re.match(r"[-+.\d]", cell) for cell in rows[0]):  # it names the columns
+        head = rows.pop(0)
+        column, per_second = _time_column(head if any(len(row) > 1 for row in rows) else [" ".join(head)])
+        rows = [row if row[-1] else row[: len(head)] for row in rows]
+    else:
+        column, per_second, rows = -1, 1, [[cell for cell in row if cell] for row in rows]
     if len(rows) == 1 or all(len(row) == 1 for row in rows):
-        return as_times([time for row in rows for time in row], [pair.jpeg.name for pair in pairs]), []
-    times = {}
-    for line, row in zip(lines, rows, strict=True):
-        # A name may hold spaces, and between name and time other columns may stand.
-        whole = line.removesuffix(row[-1]).rstrip(" \t,;")
+        return as_times([_seconds(cell, per_second) for row in rows for cell in row], names, also), []
+    times: dict[str, float] = {}
+    for row in rows:
+        before = row[:column] or row[1:] or [""]
         try:
-            times[_folded(whole)] = times[_folded(row[0])] = _seconds(row[-1])
+            time = _seconds(row[column] if len(row) >= -column else "", per_second)
         except InputError as error:
-            if line != lines[0] or re.search("[0-9]", row[-1]):  # the first may name the columns
-                raise InputError(f"{path.name}, line {line[:60]!r}: {error}") from None
-    keys = ([_folded(name) for name in (pair.jpeg.name, pair.name, pair.jpeg.stem)] for pair in pairs)
-    found = np.array([next((times[key] for key in each if key in times), np.nan) for each in keys])
+            raise InputError(f"{path.name}, line {' '.join(row)[:60]!r}: {error}") from None
+        for name in (before[0], " ".join(before)):  # a name may hold spaces, and other columns may follow it
+            parts = re.split(r"[/\\]", _folded(name))
+            times |= {"/".join(parts[i:]): time for i in range(len(parts))}
+    keys = ([pair.name] if "/" in pair.name else [pair.jpeg.name, pair.jpeg.stem] for pair in pairs)
+    found = np.array([next((times[key] for key in map(_folded, each) if key in times), np.nan) for each in keys])
     if np.isnan(found).all():
-        names = ", ".join(pair.jpeg.name for pair in pairs)
-        raise InputError(f"{path.name} names none of the photographs ({names}); use a line a photograph: name time")
+        raise InputError(f"{path.name} names none of the photographs ({', '.join(names)}); use lines: name time{also}")
     inverse = path.name.lower() == "list.txt"
     read = "1/time, as in OpenCV's list.txt" if inverse else "time"
     return (1 / found if inverse else found), [f"{path.name} is read as lines of name and {read}"]
 
 
-def as_times(exposures: Any, names: list[str]) -> Array:
+def _cells(line: str) -> list[str]:
+    """Divide a line of a list at ; or tabs, else at commas, else at white space that no unit follows."""
+    line = line.strip(" \t")[:100_000]  # more than that csv refuses
+    if divider := next((mark for mark in ";\t," if mark in line), None):
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=divider, skipinitialspace=True))]
+    return re.sub(rf"(?<=\d) +(?={_UNIT}(?:\s|$))", "", line).split()
+
+
+def _time_column(head: list[str]) -> tuple[int, int]:
+    """Return which column holds times, counted from the last, -1, and how many of its units a second has."""
+    named = (i for word in _HEADS for i, cell in enumerate(head) if re.search(word, cell.lower()))
+    column = next(named, len(head) - 1) - len(head)
+    unit = re.search(rf"(?<![a-z]){_UNIT}(?![a-z])", head[column].lower())
+    return column, _PER_SECOND.get(unit[1] or "", 1_000_000) if unit else 1
+
+
+def as_times(exposures: Any, names: list[str], also: str = "") -> Array:
     """Return the exposure times of the photographs of those names; one is above 0 for each, or `InputError`."""
+    if re.match("<U|object|str", str(getattr(exposures, "dtype", ""))):  # texts in an array or a column of pandas
+        exposures = exposures.tolist()
     if isinstance(exposures, Sequence) and any(isinstance(each, str) for each in exposures):
         exposures = [_seconds(each) for each in exposures]
     times = as_numbers("exposures", exposures)
     if times.shape != (len(names),) or not (np.isfinite(times) & (times > 0)).all():
         photographs = f"{len(names)} photographs ({', '.join(names)})"
-        raise InputError(f"exposures={times.tolist()} do not match {photographs}; use one time above 0 for each")
+        raise InputError(f"exposures={times.tolist()} do not match {photographs}; use one time above 0 for each{also}")
     return times
 
 
-def _seconds(text: Any) -> float:
-    said = str(text).strip()
-    if "/" not in said and (named := _named_time(said)):  # 4ms
-        return named
-    over, _, under = said.removesuffix("s").partition("/")
+def _seconds(text: Any, per_second: int = 1) -> float:
+    said = str(text).strip().lower().replace(",", ".")
+    over, _, under = said.partition("/")
     with suppress(ValueError, ZeroDivisionError):
-        time = float(over) / float(under or 1)
+        time = (_named_time(said) or 0) if _TIME.fullmatch(said) else float(over) / float(under or 1) / per_second
         if 1e-30 < time < 1e30:
             return time
     kinds = "times above 0 such as 0.5 or 1/60, a file of them that is there, exif, estimate or names"
