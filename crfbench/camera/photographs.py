@@ -125,8 +125,8 @@ def pair_photographs(source: Source) -> tuple[list[Pair], Problems]:
     for key in list(groups):
         original = _EDITED.sub("", key)
         if original != key and original in groups and f"{original} (2)" not in groups:  # (1), (2) are of downloads
-            why = f"is an edited copy of {groups[original][0].name} by its name"
-            problems |= {path: f"{path.name} {why}" for path in groups.pop(key)}
+            name = groups[original][0].name
+            problems |= {path: f"{path.name} is an edited copy of {name} by its name" for path in groups.pop(key)}
     if any(_is_raw(path) for group in groups.values() for path in group):
         found = [_pair(paths) for group in groups.values() for paths in _by_folder(group)]
     else:
@@ -314,12 +314,11 @@ def _given_times(exposures: Exposures, pairs: Sequence[Pair], also: str = "") ->
         return None, []
     if isinstance(exposures, str) and exposures == "names":
         return _named_times(pairs, bare=True), []
-    names = [pair.jpeg.name for pair in pairs]
-    if not isinstance(exposures, str | Path):
-        return as_times(exposures, names, also), []
-    if not os.path.isfile(exposures):  # where a long text is no name, Path has an error of the system
-        return as_times(str(exposures).split(";" if ";" in str(exposures) else ","), names, also), []
-    return _listed_times(Path(exposures), pairs, also)
+    if isinstance(exposures, str | Path):
+        if os.path.isfile(exposures):  # where a long text is no name, Path has an error of the system
+            return _listed_times(Path(exposures), pairs, also)
+        exposures = str(exposures).split(";" if ";" in str(exposures) else ",")
+    return as_times(exposures, [pair.jpeg.name for pair in pairs], also), []
 
 
 def _named_times(pairs: Sequence[Pair], bare: bool = False) -> Array:
