@@ -434,18 +434,16 @@ def _as_reduced(images: Iterable[ArrayLike | Reduced]) -> list[Reduced]:
 
 
 def as_images(images: Iterable[Any]) -> Iterator[Image]:
-    """Yield images as arrays (h, w, c) with c = 1 or 3, all alike."""
-    first: Image | None = None
+    """Yield images as arrays (h, w, c) with c = 1 or 3, all alike; none is kept."""
+    first: tuple[np.dtype[Any], tuple[int, ...]] | None = None
     for i, image in enumerate(images):
         refuse_masked("images", image)
         array = np.atleast_3d(np.asarray(image))
-        first = array if first is None else first
-        fits = first.dtype in (np.uint8, np.uint16) and first.ndim == 3 and first.shape[2] in (1, 3)
-        if not fits or not first.size:
-            kind = f"image 0 is {first.dtype} of shape {first.shape}"
-            raise InputError(f"{kind}; use uint8 or uint16, (h, w) or (h, w, 3)")
-        if (array.shape, array.dtype) != (first.shape, first.dtype):
-            kinds = f"image 0 is {first.dtype} {first.shape}, image {i} {array.dtype} {array.shape}"
+        dtype, shape = first = first or (array.dtype, array.shape)
+        if dtype not in (np.uint8, np.uint16) or len(shape) != 3 or shape[2] not in (1, 3) or not array.size:
+            raise InputError(f"image {i} is {dtype} of shape {shape}; use uint8 or uint16, (h, w) or (h, w, 3)")
+        if (array.dtype, array.shape) != first:
+            kinds = f"image 0 is {dtype} {shape}, image {i} {array.dtype} {array.shape}"
             raise InputError(f"{kinds}; use images of one size and depth, aligned with each other")
         yield array
 
