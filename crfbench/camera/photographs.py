@@ -99,8 +99,8 @@ def pair_photographs(source: Source) -> tuple[list[Pair], Problems]:
 
     Upper and lower case are the same, and so are the two names that Pixel phones give. Where a name occurs in several
     folders, partners lie in one. Of several images beside a RAW file the only JPEG is its partner, and without any its
-    own preview is. Where there is no RAW file at all, every image stands alone. Edited
-    copies by their names are left out.
+    own preview is. Where there is no RAW file at all, every image stands alone. Edited copies, by their names, are left
+    out.
 
     Parameters
     ----------
