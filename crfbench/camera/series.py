@@ -40,7 +40,7 @@ _READING, _FINE = 0.005, 0.1
 _PIXELS, _LONGER = 20_000, 0.9
 # Of white: share of a photograph's values that end there, how far below lossy files leave some, and how many.
 _ENDS, _UNEVEN, _FEW_UNEVEN = 0.005, 4, 0.05
-_LOW_WHITE = 0.96  # what no file format explains
+_LOW_WHITE = 0.96  # below, it is more than lossy files do
 # Of the black floor: levels of 255 that may be floor and that have risen so far that they say nothing, and the share of
 # the pixels that three levels need.
 _DARK, _RISEN, _FLOOR_SHARE = 60, 200, 0.0007
