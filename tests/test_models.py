@@ -2,7 +2,7 @@
 
 import zipfile
 from functools import cache
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -417,3 +417,11 @@ def test_bundled_priors_are_those_of_the_dorf_curves(key, dorf_curves):
     if key.family in ("EMoR", "Kernel"):
         assert np.allclose(model.components_, again.components_, atol=1e-6)
         assert np.allclose(model.mean_, again.mean_, atol=1e-6)
+
+
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+def test_one_more_coefficient_of_ggcm_never_fits_worse(direction):
+    curves = load_opencrf().in_direction(direction)
+    fits = [GGCM(k, direction) for k in (1, 2, 3, 4)]
+    costs = [((fit.decode(fit.fit(curves)) - curves) ** 2).mean(axis=1) for fit in fits]
+    assert all((more <= fewer * (1 + 1e-9)).all() for fewer, more in pairwise(costs))

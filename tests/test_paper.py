@@ -2,7 +2,7 @@ import pytest
 
 from crfbench import paper
 from crfbench.models.registry import ModelKey, bundled_models
-from crfbench.paper import verdicts as printed
+from crfbench.paper import verdicts
 from crfbench.paper.verdicts import verdict
 
 
@@ -29,14 +29,14 @@ def test_verdict_goes_by_our_spread_and_by_what_is_near():
 
 
 def test_tables_are_complete():
-    assert len(printed.FITTING) == 14
-    assert len(printed.CALIBRATION) == 13
-    assert all(len(row) == len(printed.CALIBRATION_COLUMNS) for row in printed.CALIBRATION.values())
-    assert min(printed.STABILITY, key=printed.STABILITY.__getitem__) == "SLR-ldl-1"
+    assert len(verdicts.FITTING) == 14
+    assert len(verdicts.CALIBRATION) == 13
+    assert all(len(row) == len(verdicts.CALIBRATION_COLUMNS) for row in verdicts.CALIBRATION.values())
+    assert min(verdicts.STABILITY, key=verdicts.STABILITY.__getitem__) == "SLR-ldl-1"
 
 
 def test_what_is_printed_is_of_models_that_can_be_loaded():
-    for name in (*printed.STABILITY, *printed.CALIBRATION, *printed.FITTING):
+    for name in (*verdicts.STABILITY, *verdicts.CALIBRATION, *verdicts.FITTING):
         key = ModelKey.parse(name)
         assert str(key) == name
         assert key.constraint == "published" or key in bundled_models()

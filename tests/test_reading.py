@@ -470,7 +470,7 @@ def test_an_edited_copy_is_not_another_photograph(tmp_path):
     "copy",
     [
         "IMG_E1002", "IMG_1002 (edited)", "IMG_1002-Enhanced-NR", "IMG_1002~2", "IMG_1002-bearbeitet", "IMG_1002_edit2",
-        "IMG_1002 copy", "IMG_1002 (copy)", "IMG_1002 - Copy", "IMG_1002 (1)",
+        "IMG_1002 copy", "IMG_1002 (copy)", "IMG_1002 - Copy",
     ],
 )  # fmt: skip
 def test_edited_copies_have_many_names(tmp_path, copy):
@@ -536,7 +536,7 @@ def three(tmp_path):
 @pytest.mark.parametrize(
     "exposures",
     [
-        "1/60, 1/30,0.5s", "1/60s,1/30 s,500ms", ["1/60", "1/30", 0.5], [1 / 60, 1 / 30, 0.5],
+        "1/60, 1/30,0.5s", "1/60s,1/30 s,500ms", "1_60,1_30,0.5", ["1/60", "1/30", 0.5], [1 / 60, 1 / 30, 0.5],
         "1/60 sec,1/30sec,0.5 seconds", "1/60;1/30;0,5", ["1/0.06ms", "1/30", "500000 µs"],
         np.array(["1/60", "1/30", "0.5"]), np.array(["1/60", "1/30", 0.5], object), pd.Series(["1/60", "1/30", "0.5"]),
         pd.Series([1 / 60, 1 / 30, 0.5]),
@@ -897,3 +897,44 @@ def test_a_passport_keeps_its_white_level_and_older_ones_have_none(tmp_path):
     assert camera.read_response(path).warnings == ("repaired",), "as a warning was called before"
     with pytest.raises(InputError, match="white_level=0 is out of range"):
         camera.Passport("inverse", GRID, white_level=0)
+
+
+@pytest.mark.parametrize("time", ["2_50", "-1/-60", "1_60_2"])
+def test_what_is_no_time_is_refused(three, time):
+    with pytest.raises(InputError, match="is not an exposure time"):
+        times_of(three, [time, "1/30", "1/15"])
+
+
+@pytest.mark.parametrize(
+    ("text", "times"),
+    [
+        ("file,expo_comp,time_ms\na b.jpg,1,5\nc.jpg,2,10\nd.jpg,3,20", [0.005, 0.01, 0.02]),
+        ("file,exposure_program,shutter\na b.jpg,1,1/60\nc.jpg,1,1/30\nd.jpg,1,0.5", [1 / 60, 1 / 30, 0.5]),
+        ("file,exposure,iso\na b.jpg,0.5\nc.jpg,1,100\nd.jpg,2,100,", [0.5, 1, 2]),
+    ],
+)
+def test_a_header_tells_which_column_holds_times(three, tmp_path_factory, text, times):
+    path = tmp_path_factory.mktemp("list") / "t.csv"
+    path.write_text(text)
+    np.testing.assert_allclose(times_of(three, path), times)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("file,exposure\na b.jpg,0,5\nc.jpg,1\nd.jpg,2", "has 3 cells below 2 names; use as many"),
+        ("c.jpg auto\nd.jpg 0.5", "line 'c.jpg auto': 'auto' is not an exposure time"),
+    ],
+)
+def test_rows_that_do_not_fit_are_refused(three, tmp_path_factory, text, message):
+    path = tmp_path_factory.mktemp("list") / "t.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        times_of(three, path)
+
+
+def test_downloads_of_one_name_are_several_photographs(tmp_path):
+    touch(tmp_path, "image.png", "image (1).png", "wall.jpg", "wall~1.jpg")
+    pairs, problems = pair_photographs(tmp_path)
+    assert len(pairs) == 4
+    assert problems == {}

@@ -18,6 +18,7 @@ from crfbench.camera import (
     render_series,
     write_hdr,
 )
+from crfbench.camera import calibrate as camera_calibrate
 from crfbench.camera.photographs import as_times, plan_photographs, read_planned
 from crfbench.camera.reading import read_levels
 from crfbench.camera.series import (
@@ -704,3 +705,33 @@ def test_lossy_white_is_as_uneven_as_it_is():
     white = 255 * white_of(images)
     assert 240 <= white < 254
     assert np.mean(longest[shorter >= 254] >= white) > 0.92
+
+
+def test_white_reaches_the_merged_image_of_a_folder(tmp_path):
+    for i, image in enumerate(ending_at(235)):
+        Image.fromarray(image).save(tmp_path / f"{i}.png")
+    merged = camera_calibrate(tmp_path, "none", (2.0**WALL.stops).tolist()).merged
+    parts = [(WALL.radiance > low) & (WALL.radiance < 2 * low) for low in (0.02, 0.1, 0.5)]
+    middle = [np.median((merged.radiance / WALL.radiance)[part]) for part in parts]
+    assert np.ptp(middle) < 0.02 * np.mean(middle)
+
+
+def test_saturated_areas_are_even_where_lossy_files_are_not():
+    images = [np.uint8([[100, 250, 252, 253]]), np.uint8([[200, 251, 250, 252]])]
+    radiance = merge_series(images, [0, 1], GRID, 249 / 255).radiance[0]
+    np.testing.assert_allclose(radiance[1:], 250 / 255, rtol=1e-5)
+
+
+@pytest.mark.parametrize("white", [np.nan, 0.0, 2.0])
+def test_a_white_that_none_can_be_is_refused(white):
+    with pytest.raises(InputError, match=r"white=\S+ is out of range"):
+        merge_series(STEEP, [0, 1], GRID, white)
+
+
+def test_reduced_images_and_arrays_may_be_mixed_but_are_of_one_kind():
+    mixed = [reduce_image(image) if i % 2 else image for i, image in enumerate(WALL.images)]
+    np.testing.assert_array_equal(
+        calibrate_series(mixed, WALL.stops).curves, calibrate_series(WALL.images, WALL.stops).curves
+    )
+    with pytest.raises(InputError, match="use images of one size and depth"):
+        calibrate_series([mixed[0], reduce_image(WALL.images[1][1:])], [0, 1])

@@ -140,3 +140,14 @@ def test_where_it_cannot_be_told_the_command_says_so(tmp_path, options, words):
     assert done.returncode == 2
     assert words in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_white_below_the_top_of_the_range_is_no_light():
+    """Video levels: brightness 1 is level 235."""
+    wall = photographs(4.0 * np.dstack([falloff()] * 3), GRID)
+    taken = [np.rint(image * (235 / 255)).astype(np.uint8) for image in wall]
+    curve = np.minimum(GRID * (255 / 235), 1.0)[None]
+    corner = [np.exp(find_vignetting(taken, curve, white)[0].sum()) for white in (234 / 255, 254 / 255)]
+    true = np.exp(sum(TRUE))
+    assert abs(corner[0] / true - 1) < 0.02
+    assert abs(corner[1] / true - 1) > 0.04

@@ -242,18 +242,19 @@ def _from_series(
         raise InputError(f"{problem}{left_out}") from None
     notes = [*notes, *note, "exposures tell curves up to a scale: where white lies, the model says"]
     result = _result(widened(calibration), key, used, created, notes)
+    exposures = np.asarray(calibration.observations.exposures)[0]  # the estimated ones too
+    white = find_white(images, exposures)
     if vignette:
-        coefficients, deviation = find_vignetting(_ahead(_again(used)), result.passport.curves)
+        coefficients, deviation = find_vignetting(_ahead(_again(used)), result.passport.curves, white)
         left = np.exp(coefficients.sum())
         differ = f"which differ by {2 * left * deviation:.1%}"
         notes = [*notes, f"vignetting: {left:.1%} of the light is left in the corners, {differ}"]
         result = replace(result, passport=replace(result.passport, vignetting=coefficients), notes=notes)
-    told = calibration.observations.exposures  # the estimated ones too
     again = _again(used)
     if shifts is not None:
         again = (shifted(image, *shift) for image, shift in zip(again, shifts, strict=True))
-    stops = used.stops if told is None else told[0]
-    return replace(result, merged=merge_series(_ahead(again), stops, calibration, find_white(images, stops)))
+    # By the bands of the shape: the scale is common to all photographs, so it must not weigh them.
+    return replace(result, merged=merge_series(_ahead(again), exposures, calibration, white))
 
 
 def _by_channel(

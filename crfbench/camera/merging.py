@@ -21,6 +21,7 @@ from crfbench.calibration import Calibration
 from crfbench.calibration.observations import SATURATED
 from crfbench.camera.passport import Passport, look_up
 from crfbench.camera.series import Image, as_images, as_stops
+from crfbench.checks import check_number
 from crfbench.curves import GRID, Array, as_valid_curves, evaluate, repair
 from crfbench.errors import InputError
 from crfbench.files import write_new
@@ -61,7 +62,7 @@ def merge_series(
         Curves by themselves are inverse responses. One serves all channels. A band, where there is one, tells where
         the curve is little known.
     white : float
-        Brightness from which on pixels are saturated.
+        Brightness from which on pixels are saturated, from 0.1 to 254/255.
 
     Returns
     -------
@@ -77,6 +78,7 @@ def merge_series(
     >>> print(merge_series([dark, light], [0, 2], GRID).radiance.round(3))
     [[0.2 0.4]]
     """
+    check_number("white", white, 0.1, SATURATED)
     light = 2.0 ** as_stops(exposures, len(images) if isinstance(images, Sequence) else np.size(exposures))
     total: NDArray[np.float32] = np.empty(0, dtype=np.float32)
     weighted = total
@@ -131,7 +133,9 @@ def _tables(curves: Array, deviation: Array, levels: int, white: float) -> list[
     g, slope = evaluate(curves, brightness), evaluate(np.gradient(curves, GRID, axis=1), brightness)
     variance = (evaluate(deviation, brightness) * g) ** 2 + (_NOISE * slope) ** 2 + _READ**2
     measured = (brightness > 0.0) & (brightness < white)
-    weight, bound = np.where(measured, 1.0 / variance, 0.0), np.where(measured, 0.0, g)
+    # Lossy files leave white uneven; none of it is more than a level above.
+    bound = np.where(measured, 0.0, np.minimum(g, evaluate(curves, np.array([white + 1 / 255]))))
+    weight = np.where(measured, 1.0 / variance, 0.0)
     # In the order of memory that OpenCV looks up fast.
     return [np.ascontiguousarray(table.T[:, None], dtype=np.float32) for table in (weight, weight * g, bound)]
 

@@ -1,6 +1,6 @@
 """Which files are one photograph, in which order they come, how they were exposed, and the series that they make.
 
-Everything but `read_planned` looks at names and headers alone.
+Names and headers tell nearly all; beside `read_planned`, only the search for copies and the guess of white read more.
 """
 
 import csv
@@ -34,7 +34,7 @@ Problems = dict[Path, str]
 # Pixel phones name the two files of one photograph X.RAW-01.COVER.jpg and X.RAW-02.ORIGINAL.dng.
 _PIXEL_PART = re.compile(r"\.raw-\d+(\.mp)?\.(cover|original)$")
 # Not -2, which tells the photographs of a series apart.
-_EDITED = re.compile(r"[-_ ]+\(?(edit(ed)?\d*|enhanced[-\w]*|bearbeitet|copy)\)?$|~\d$| \(1\)$|(?<=^img_)e(?=\d+$)")
+_EDITED = re.compile(r"[-_ ]+\(?(edit(ed)?\d*|enhanced[-\w]*|bearbeitet|copy)\)?$|~2$|(?<=^img_)e(?=\d+$)")
 _UNIT = r"(milli|m|micro|[uµμ])?s(?:ecs?|econds?)?"
 _PER_SECOND = {"": 1, "m": 1000, "milli": 1000}  # else microseconds
 _NUMBER = r"(\d*\.?\d+(?:e[-+]?\d{1,2})?)"
@@ -45,7 +45,7 @@ _TIME = re.compile(
 )
 _EV = re.compile(r"(?<![a-z])ev[_ ]?([-+]?\d{1,2}(?:\.\d+)?)(?!\d)|(?<![\d.])([-+]?\d{1,2}(?:\.\d+)?)ev(?![a-z])")
 # What names the column of times in a list, the surest word first, and where a comment begins: not in "wall #1.png".
-_HEADS = ("expo.*time", "expo", "shutter", "(?<!date)time(?!stamp)", "sec")
+_HEADS = ("expo.*time", "expo(?!.*(?:bias|comp|ind|mode|prog|val))", "shutter", "(?<!date)time(?!stamp)", "sec")
 _COMMENT = re.compile(r"^[ \t]*#.*|[ \t]#(?!\S*\.[a-zA-Z]).*", re.MULTILINE)
 
 
@@ -124,7 +124,7 @@ def pair_photographs(source: Source) -> tuple[list[Pair], Problems]:
             problems[path] = _unknown_kind(path)
     for key in list(groups):
         original = _EDITED.sub("", key)
-        if original != key and original in groups and f"{original} (2)" not in groups:  # (1), (2) are of downloads
+        if original != key and original in groups:
             name = groups[original][0].name
             problems |= {path: f"{path.name} is an edited copy of {name} by its name" for path in groups.pop(key)}
     if any(_is_raw(path) for group in groups.values() for path in group):
@@ -206,8 +206,9 @@ def plan_photographs(
     """Put photographs in order and find their exposures, and the white level of those of 16 bits, if none is given.
 
     An ISO speed or f-number that files do not tell is taken as constant, if all that tell it agree. Where no file tells
-    a time but every name does (or that of its folder), as in ``a_1_60s.png``, ``b-1-60sec.png``, ``4ms/a.png``
-    and ``a 0.5s.tif``, the names count. Of several camera models the one with most photographs is kept.
+    a time but every name does (or that of its folder), or each an EV, the names count: as in ``a_1_60s.png``,
+    ``b-1-60sec.png``, ``4ms/a.png``, ``a 0.5s.tif`` and ``scene_EV-2.png``. Of several camera models the one with most
+    photographs is kept.
 
     `exposures` are times above 0, one a photograph in their order: numbers or texts such as "1/60" and "4 ms", or one
     text of them with commas. "names": those in the names, ``1_60.jpg`` and ``EV-2`` among them. Or a file of times, or
@@ -218,7 +219,8 @@ def plan_photographs(
     given = [source] if isinstance(source, str | Path) else list(source)
     files = list_photographs(given)
     pairs, problems = pair_photographs(files if paired else [path for path in files if not _is_raw(path)])
-    known, inner = {*map(str, files), str(exposures)}, [path for path in map(Path, given) if path.is_dir()]
+    known = {*map(str, files), str(exposures)}  # a list of times may lie beside the photographs
+    inner = [path for path in map(Path, given) if path.is_dir()]
     passed = [path for folder in inner for path in sorted(folder.iterdir()) if str(path) not in known]
     passed = [path for path in passed if path.name[0] != "."]
     others = ", ".join(path.name for path in (*passed, *problems))[:300]
@@ -233,10 +235,8 @@ def plan_photographs(
     if times is None and not any(exif.exposure_time for exif in exifs):
         named = _named_times(pairs)
         if not np.isnan(named).any():
-            times, notes = (
-                named,
-                ["no file tells its exposure time by EXIF; times, or their EV, are those in the names"],
-            )
+            times = named
+            notes = ["no file tells its exposure time by EXIF; times, or their EV, are those in the names"]
     if times is None:
         times, stops = np.array([exif.exposure_time or np.nan for exif in exifs]), exposure_steps(exifs)
         notes = _constants(exifs) if np.isfinite(stops).any() else []
@@ -349,11 +349,13 @@ def _named_time(name: str) -> float | None:
 
 def _listed_times(path: Path, pairs: Sequence[Pair], also: str) -> tuple[Array, list[str]]:
     names = [pair.jpeg.name for pair in pairs]
-    rows = [row for line in _COMMENT.sub("", decode_text(path.read_bytes())).split("\n") if any(row := _cells(line))]
-    if rows and not any(re.match(r"[-+.\d]", cell) for cell in rows[0]):  # it names the columns
-        head = rows.pop(0)
+    lines = [line for line in _COMMENT.sub("", decode_text(path.read_bytes())).split("\n") if any(_cells(line))]
+    rows = [_cells(line) for line in lines]
+    if rows and not any(re.match(r"[-+.\d]", cell) or _folded(cell) in map(_folded, names) for cell in rows[0]):
+        head = rows.pop(0)  # it names the columns
+        if re.search("[;\t,]", lines[0]):
+            rows = [_as_long(row, head, path) for row in rows]
         column, per_second = _time_column(head if any(len(row) > 1 for row in rows) else [" ".join(head)])
-        rows = [row if row[-1] else row[: len(head)] for row in rows]
     else:
         column, per_second, rows = -1, 1, [[cell for cell in row if cell] for row in rows]
     if len(rows) == 1 or all(len(row) == 1 for row in rows):
@@ -385,6 +387,14 @@ def _cells(line: str) -> list[str]:
     return re.sub(rf"(?<=\d) +(?={_UNIT}(?:\s|$))", "", line).split()
 
 
+def _as_long(row: list[str], head: list[str], path: Path) -> list[str]:
+    """Return the cells of a row, as many as its header has, or refuse one with more."""
+    if any(row[len(head) :]):
+        cells = f"has {len(row)} cells below {len(head)} names; use as many, with decimal points"
+        raise InputError(f"{path.name}, line {', '.join(row)[:60]!r} {cells}")
+    return [*row, *[""] * (len(head) - len(row))][: len(head)]
+
+
 def _time_column(head: list[str]) -> tuple[int, int]:
     """Return which column holds times, counted from the last, -1, and how many of its units a second has."""
     named = (i for word in _HEADS for i, cell in enumerate(head) if re.search(word, cell.lower()))
@@ -407,11 +417,11 @@ def as_times(exposures: Any, names: list[str], also: str = "") -> Array:
 
 
 def _seconds(text: Any, per_second: int = 1) -> float:
-    said = str(text).strip().lower().replace(",", ".")
+    said = re.sub(r"^1[-_](?=\d+$)", "1/", str(text).strip().lower().replace(",", "."))
     over, _, under = said.partition("/")
     with suppress(ValueError, ZeroDivisionError):
         time = (_named_time(said) or 0) if _TIME.fullmatch(said) else float(over) / float(under or 1) / per_second
-        if 1e-30 < time < 1e30:
+        if 1e-30 < time < 1e30 and not re.search("^-|_", said):
             return time
     kinds = "times above 0 such as 0.5 or 1/60, a file of them that is there, exif, estimate or names"
     raise InputError(f"{str(text)[:40]!r} is not an exposure time; use {kinds}")

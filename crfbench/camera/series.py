@@ -23,6 +23,7 @@ from crfbench.errors import InputError
 from crfbench.models import DEFAULT_MODEL, ResponseModel, load_model
 
 Image = NDArray[Any]
+Kind = tuple[np.dtype[Any], tuple[int, ...]]
 
 _STOPS = 60.0  # between least and greatest exposure; more cannot be one camera's
 _SIDE = 5  # pixels of a block along each side
@@ -296,7 +297,8 @@ def find_white(images: Sequence[Reduced], exposures: ArrayLike) -> float:
     white = white[white > far]  # what is darker has moved
     if not white.size:
         return SATURATED
-    return min(SATURATED, (min(top, int(np.quantile(white, _FEW_UNEVEN, method="lower"))) - 1) / 255)
+    level = min(top, int(np.quantile(white, _FEW_UNEVEN, method="lower")))
+    return min(SATURATED, (level - 1) / 255)
 
 
 def _longer(images: Sequence[Reduced], stops: Array) -> tuple[NDArray[np.int16], Array, list[tuple[int, int]]]:
@@ -425,27 +427,33 @@ def sample_series(
 
 
 def _as_reduced(images: Iterable[ArrayLike | Reduced]) -> list[Reduced]:
-    """Reduce two or more images, unless they are already."""
-    every = list(images)
-    if len(every) < 2:
-        raise InputError(f"the series has {len(every)} images; use two or more of one scene at different exposures")
-    reduced = [image for image in every if isinstance(image, Reduced)]
-    return reduced if len(reduced) == len(every) else [reduce_image(image) for image in as_images(every)]
+    """Reduce two or more images one by one, but for those that are reduced already."""
+    reduced = [image if isinstance(image, Reduced) else reduce_image(image) for image in images]
+    if len(reduced) < 2:
+        raise InputError(f"the series has {len(reduced)} images; use two or more of one scene at different exposures")
+    for i, image in enumerate(reduced):
+        _check_alike(i, (image.dtype, image.shape), (reduced[0].dtype, reduced[0].shape))
+    return reduced
 
 
 def as_images(images: Iterable[Any]) -> Iterator[Image]:
     """Yield images as arrays (h, w, c) with c = 1 or 3, all alike; none is kept."""
-    first: tuple[np.dtype[Any], tuple[int, ...]] | None = None
+    first: Kind | None = None
     for i, image in enumerate(images):
         refuse_masked("images", image)
         array = np.atleast_3d(np.asarray(image))
-        dtype, shape = first = first or (array.dtype, array.shape)
+        dtype, shape = kind = array.dtype, array.shape
         if dtype not in (np.uint8, np.uint16) or len(shape) != 3 or shape[2] not in (1, 3) or not array.size:
             raise InputError(f"image {i} is {dtype} of shape {shape}; use uint8 or uint16, (h, w) or (h, w, 3)")
-        if (array.dtype, array.shape) != first:
-            kinds = f"image 0 is {dtype} {shape}, image {i} {array.dtype} {array.shape}"
-            raise InputError(f"{kinds}; use images of one size and depth, aligned with each other")
+        first = first or kind
+        _check_alike(i, kind, first)
         yield array
+
+
+def _check_alike(i: int, kind: Kind, first: Kind) -> None:
+    if kind != first:
+        kinds = "image 0 is {} {}, image {} {} {}".format(*first, i, *kind)
+        raise InputError(f"{kinds}; use images of one size and depth, aligned with each other")
 
 
 def as_stops(exposures: ArrayLike, n: int) -> Array:

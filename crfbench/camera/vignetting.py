@@ -29,7 +29,7 @@ _ROUNDS, _FAR = 10, 2.0  # of weighing; residuals in units of their median, from
 _UNEVEN = 0.05  # of log irradiance: where quarters or places differ by more, it is no evenly lit surface
 
 
-def find_vignetting(images: Iterable[Image], curves: Array) -> tuple[Array, float]:
+def find_vignetting(images: Iterable[Image], curves: Array, white: float = SATURATED) -> tuple[Array, float]:
     """Find the vignetting of the lens that took photographs of an evenly lit surface.
 
     Parameters
@@ -38,6 +38,8 @@ def find_vignetting(images: Iterable[Image], curves: Array) -> tuple[Array, floa
         8 or 16 bits, of one size; taken one by one. Their exposures need not be known.
     curves : ndarray, shape (1 or c, 1024)
         Inverse responses.
+    white : float
+        Brightness from which on pixels are saturated.
 
     Returns
     -------
@@ -46,7 +48,7 @@ def find_vignetting(images: Iterable[Image], curves: Array) -> tuple[Array, floa
     deviation : float
         Standard deviation of log V in the corner, by how the four quarters of the photographs differ.
     """
-    logs, squared, quarters = (np.stack(each) for each in zip(*_places(images, curves), strict=True))
+    logs, squared, quarters = (np.stack(each) for each in zip(*_places(images, curves, white), strict=True))
     known = np.isfinite(logs)
     rows = [known & (quarters == quarter) for quarter in range(4)]
     if (least := min(row.sum() for row in rows)) < _FEW:
@@ -65,17 +67,17 @@ def find_vignetting(images: Iterable[Image], curves: Array) -> tuple[Array, floa
     return coefficients, deviation
 
 
-def _places(images: Iterable[Image], curves: Array) -> Iterator[tuple[Array, ...]]:
+def _places(images: Iterable[Image], curves: Array, white: float) -> Iterator[tuple[Array, ...]]:
     """Yield of each photograph, at places (p,), the log irradiance, the squared radius and in which quarter it is."""
     for image in images:
-        logs = _log_irradiance(np.atleast_3d(image), curves)
+        logs = _log_irradiance(np.atleast_3d(image), curves, white)
         rows, columns = ((np.arange(n) + 0.5) / n for n in logs.shape)
         height, width = image.shape[:2]
         squared = squared_radius((height, width), rows * height, columns * width)
         yield logs.ravel(), squared.ravel(), (2 * (rows[:, None] > 0.5) + (columns > 0.5)).ravel()
 
 
-def _log_irradiance(image: Image, curves: Array) -> Array:
+def _log_irradiance(image: Image, curves: Array, white: float) -> Array:
     """Return the log irradiance at places, mean over the channels, NaN where a pixel is clipped or dark."""
     import cv2
 
@@ -84,7 +86,7 @@ def _log_irradiance(image: Image, curves: Array) -> Array:
     size = tuple(max(1, round(scale * length)) for length in (width, height))
     reduced = partial(cv2.resize, dsize=size, interpolation=cv2.INTER_AREA)
     light = np.atleast_3d(reduced(linearise(image if channels == 3 else image[..., 0], curves)))
-    clear = ((image > _DARKEST * top) & (image < SATURATED * top)).all(axis=2).astype(np.float32)
+    clear = ((image > _DARKEST * top) & (image < white * top)).all(axis=2).astype(np.float32)
     return np.where(reduced(clear) > _WHOLE, np.log(np.maximum(light, _LEAST)).mean(axis=2), np.nan)
 
 

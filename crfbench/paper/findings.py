@@ -31,7 +31,7 @@ def _findings(kind: str, results: PaperResults) -> dict[str, str]:
     template = Environment(undefined=StrictUndefined).from_string(source)  # noqa: S701  plain text, not HTML
     below = {name: figure < rmse[name] for name, figure in figures.items()}  # below the best fit that there is
     about = latent_table().set_index("model")
-    rooms = {"latents": about, "claims": claims, "data": claims_data, "printed": verdicts, "scientific": scientific}
+    rooms = {"latents": about, "claims": claims, "data": claims_data, "verdicts": verdicts, "scientific": scientific}
     text = template.render(results=results, leaderboard=leaderboard().set_index("model"), classical=below, **rooms)
     found = re.findall(r"^# (.+?): (.+)\n([^#]+)", text, re.MULTILINE)
     return {title: " ".join(finding.split()) for which, title, finding in found if which == kind}
