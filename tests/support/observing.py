@@ -50,12 +50,14 @@ def unclipped(brightness, reference=None, exposures=None, **others):
     return Observations(brightness, reference, exposures, clipped=np.zeros(brightness.shape, bool), **others)
 
 
-def shape_rmse(calibration, curves):
-    """Compare at the observed brightnesses, up to the scale that no photograph tells; shape (n,)."""
+def shape_rmse(calibration, curves, offset=False):
+    """Compare at the observed brightnesses, up to the scale that no photograph tells, or the offset too; shape (n,)."""
     at = calibration.observations.brightness.reshape(len(curves), -1)
     found, true = (
         np.array([np.interp(x, GRID, curve) for x, curve in zip(at, each, strict=True)])
         for each in (calibration.curves, curves)
     )
+    if offset:
+        found, true = (each - each.mean(axis=1, keepdims=True) for each in (found, true))
     scale = (found * true).sum(axis=1) / (found**2).sum(axis=1)
     return np.sqrt(((scale[:, None] * found - true) ** 2).mean(axis=1))
