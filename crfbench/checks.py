@@ -84,6 +84,11 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> str:
     raise InputError(f"{name}={value!r} is not known; use one of {', '.join(known)}")
 
 
+def counted(number: int, what: str) -> str:
+    """Name so many of something: "1 photograph", "2 photographs"."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Make a dict of pairs, as JSON's `object_pairs_hook`; a name that comes twice is a `ValueError`."""
     # JSON allows a name twice and readers differ in which one they take.

@@ -245,6 +245,7 @@ def calibrate(
 ) -> None:
     """Calibrate your camera: from RAW and JPEG files to a response passport."""
     from crfbench import camera
+    from crfbench.checks import counted
 
     options: dict[str, Any] = {
         "chart": chart,
@@ -267,8 +268,7 @@ def calibrate(
     for path in camera.write_outputs(result, out, force, say):
         typer.echo(path)
     low, high = result.passport.valid_range
-    count = len(result.photographs)
-    photographs = f"{count} photographs" if count > 1 else "one photograph"
+    photographs = counted(len(result.photographs), "photograph")
     measured = f"measured from brightness {low:.2f} to {high:.2f}, {photographs}"
     typer.echo(f"{result.passport!r}: {measured}")
     if result.passport.matrix is not None:

@@ -104,7 +104,7 @@ def test_a_folder_without_a_chart_says_what_to_do(tmp_path):
         camera.calibrate(tmp_path / "nowhere")
     with pytest.raises(InputError, match=r"there is no .*nowhere"):
         camera.calibrate(path for path in [tmp_path / "nowhere"])
-    with pytest.raises(InputError, match="0 photographs of a series are left"):
+    with pytest.raises(InputError, match="0 photographs of a series left"):
         camera.calibrate(tmp_path, chart="none")
 
 

@@ -587,6 +587,9 @@ NAMED = "is read as lines of name and time"
         ("t.txt", "C:\\x y\\a b.jpg\t0.5\nC:\\x y\\c.jpg\t1\nC:\\d.jpg 2\n", NAMED),
         ("t.csv", '"file","exposure"\n"a b.jpg","0.5"\n"c.jpg","1 s"\n"d.jpg","2"\n', NAMED),
         ("t.txt", "0.5,1,2", ""),
+        ("t.csv", ",file,time\n0,a b.jpg,0.5\n1,c.jpg,1\n2,d.jpg,2\n", NAMED),
+        ("t.tsv", "\tfile\ttime\n0\ta b.jpg\t0.5\n1\tc.jpg\t1\n2\td.jpg\t2\n", NAMED),
+        ("t.csv", ",exposure\n0,0.5\n1,1\n2,2\n", ""),
     ],
 )
 def test_times_in_a_file(three, tmp_path_factory, name, text, note):
@@ -751,7 +754,7 @@ def test_a_folder_of_other_kinds_says_what_was_passed_over(tmp_path):
         with pytest.raises(InputError, match=r"a\.psd is neither RAW nor JPEG.*b\.gif is neither"):
             camera.calibrate(tmp_path, chart)
     save_jpeg(tmp_path / "only.jpg", {TIME: 1})
-    with pytest.raises(InputError, match=r"1 photographs of a series are left, only\.jpg \(a\.psd is neither"):
+    with pytest.raises(InputError, match=r"1 photograph of a series left, only\.jpg \(a\.psd is neither"):
         camera.calibrate(tmp_path, "none")
 
 

@@ -31,7 +31,7 @@ from crfbench.camera.series import (
 )
 from crfbench.camera.vignetting import find_vignetting
 from crfbench.camera.worker import WORKER
-from crfbench.checks import check_choice, check_count
+from crfbench.checks import check_choice, check_count, counted
 from crfbench.curves import Array, repair
 from crfbench.datasets.chart import load_labels
 from crfbench.errors import InputError
@@ -60,8 +60,8 @@ class CameraCalibration:
     colour: ColourCalibration | None = None  # where RAW files told the channels
 
     def __repr__(self) -> str:
-        told = f"{len(self.photographs)} photographs, {len(self.warnings)} warnings"
-        return f"CameraCalibration({self.passport!r}, {told})"
+        told = counted(len(self.photographs), "photograph"), counted(len(self.warnings), "warning")
+        return f"CameraCalibration({self.passport!r}, {', '.join(told)})"
 
     @property
     def warnings(self) -> list[str]:
@@ -225,7 +225,7 @@ def _from_series(
     if len(images) < 2:
         left = "".join(f", {pair.jpeg.name}" for pair in used.pairs)
         why = "" if images and not used.problems else f" ({_reasons(used.problems)})"
-        raise InputError(f"{len(images)} photographs of a series are left{left}{why}; use two or more")
+        raise InputError(f"{counted(len(images), 'photograph')} of a series left{left}{why}; use two or more")
     notes = plan.notes
     shifts = find_shifts([image.picture for image in images], used.stops, images[0].shape) if align else None
     if shifts is not None and shifts.any():

@@ -17,6 +17,7 @@ from crfbench.calibration.observations import colour_error
 from crfbench.camera.photographs import Pair, Problems, exposure_steps
 from crfbench.camera.reading import Exif, read_exif, read_image, read_raw, reduced
 from crfbench.camera.worker import WORKER
+from crfbench.checks import counted
 from crfbench.curves import Array
 from crfbench.datasets.chart import CLIPPED_SHARE, N_PATCHES, as_corners, chart_colours, sample_positions, within_margin
 from crfbench.errors import FormatError, InputError
@@ -365,7 +366,9 @@ def observe_chart(patches: "DataFrame", exposures: ArrayLike | None = None) -> O
         )
     steps = np.asarray(_by_photograph(patches, "exposure_step")[:, 0] if exposures is None else exposures)
     if np.shape(steps) != (len(rgb),):
-        raise InputError(f"there are {np.size(steps)} exposures for {len(rgb)} photographs with a chart; give one each")
+        raise InputError(
+            f"there are {np.size(steps)} exposures for {counted(len(rgb), 'photograph')} with a chart; give one each"
+        )
     reference = np.maximum(chart_colours(), 0.0).mean(axis=1)
     known_steps = steps if np.isfinite(steps).all() else None
     return Observations(

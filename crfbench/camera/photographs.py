@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from crfbench.camera.luts import decode_text
 from crfbench.camera.reading import IMAGE_SUFFIXES, IMAGES, RAW_SUFFIXES, Exif, read_exif, top_level
 from crfbench.camera.worker import WORKER
-from crfbench.checks import as_numbers
+from crfbench.checks import as_numbers, counted
 from crfbench.curves import Array
 from crfbench.errors import FormatError, InputError
 
@@ -355,6 +355,8 @@ def _listed_times(path: Path, pairs: Sequence[Pair], also: str) -> tuple[Array, 
         head = rows.pop(0)  # it names the columns
         if re.search("[;\t,]", lines[0]):
             rows = [_as_long(row, head, path) for row in rows]
+            if not head[0]:  # the index that pandas writes
+                head, rows = head[1:], [row[1:] for row in rows]
         column, per_second = _time_column(head if any(len(row) > 1 for row in rows) else [" ".join(head)])
     else:
         column, per_second, rows = -1, 1, [[cell for cell in row if cell] for row in rows]
@@ -381,7 +383,7 @@ def _listed_times(path: Path, pairs: Sequence[Pair], also: str) -> tuple[Array, 
 
 def _cells(line: str) -> list[str]:
     """Divide a line of a list at ; or tabs, else at commas, else at white space that no unit follows."""
-    line = line.strip(" \t")[:100_000]  # more than that csv refuses
+    line = line.lstrip(" ").rstrip(" \t")[:100_000]  # more than that csv refuses
     if divider := next((mark for mark in ";\t," if mark in line), None):
         return [cell.strip() for cell in next(csv.reader([line], delimiter=divider, skipinitialspace=True))]
     return re.sub(rf"(?<=\d) +(?={_UNIT}(?:\s|$))", "", line).split()
@@ -411,7 +413,7 @@ def as_times(exposures: Any, names: list[str], also: str = "") -> Array:
         exposures = [_seconds(each) for each in exposures]
     times = as_numbers("exposures", exposures)
     if times.shape != (len(names),) or not (np.isfinite(times) & (times > 0)).all():
-        photographs = f"{len(names)} photographs ({', '.join(names)})"
+        photographs = f"{counted(len(names), 'photograph')} ({', '.join(names)})"
         raise InputError(f"exposures={times.tolist()} do not match {photographs}; use one time above 0 for each{also}")
     return times
 
