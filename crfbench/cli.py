@@ -94,10 +94,11 @@ def fitting(
     as_json: AsJson = False,
 ) -> None:
     """Table 1: how well each model fits response curves, in sample and held out (minutes with DoRF)."""
-    from crfbench.curves import check_direction
+    from crfbench.checks import check_choice
     from crfbench.paper.fitting import DIRECTIONS, fitting_tables
 
-    wanted = DIRECTIONS if direction == "both" else (check_direction(direction),)
+    check_choice("direction", direction, (*DIRECTIONS, "both"))
+    wanted = [side for side in DIRECTIONS if direction in (side, "both")]
     found = fitting_tables(data, wanted, progress=True)
     _print_tables(found, as_json, wide or ("model", "split", "mean_rmse", "p95_rmse", "paper", "verdict"))
 
@@ -246,6 +247,7 @@ def calibrate(
     """Calibrate your camera: from RAW and JPEG files to a response passport."""
     from crfbench import camera
     from crfbench.checks import counted
+    from crfbench.files import check_new
 
     options: dict[str, Any] = {
         "chart": chart,
@@ -261,6 +263,7 @@ def calibrate(
         raise InputError("--force replaces nothing with --each; remove the folders of OUT that are to be done again")
     if each:
         return _calibrate_each(source, out, options)
+    check_new(out / "passport.json", force)  # before minutes of work
     say = partial(typer.echo, err=True)
     result = camera.calibrate(source, say=say, **options)
     for reason in result.problems.values():
@@ -384,7 +387,7 @@ def search(
             responses, m=m, strategy=strategy, direction=side, folds=folds, seed=seed, journal=journal, progress=True
         )
     except KeyboardInterrupt:
-        typer.echo(f"stopped; go on with: crfbench search --resume --journal {journal}", err=True)
+        typer.echo(f"stopped; {journal} holds what is done: go on with the same command and --resume", err=True)
         raise typer.Exit(130) from None
     title = f"{responses.dataset}: of the {m} most accurate, {result.chosen} is the least complex"
     _print_tables({title: result.table}, as_json)
@@ -482,4 +485,6 @@ def _with_options(sentence: str) -> str:
     commands = [*group.commands.values(), *group.commands["table"].commands.values()]
     options = {option.name: max(option.opts, key=len) for command in commands for option in command.params}
     typed = options | {"which": "--data", "key": "WHICH"}
-    return re.sub(r"\b(\w+)=(?=\S)", lambda found: f"{typed[found[1]]} " if found[1] in typed else found[0], sentence)
+    # What stands in parentheses behind a name is a model or a call, of Python.
+    arguments = r"\w+\([^()]*\)|\b(\w+)=(?=\S)"
+    return re.sub(arguments, lambda found: f"{typed[found[1]]} " if found[1] in typed else found[0], sentence)

@@ -358,6 +358,13 @@ def test_doubtful_observations_are_warned_of():
     assert "times or more as widely as their noise lets expect" in warned(mixed, reference=[0.1, 0.2, 0.4, 0.8, 0.9, 1])
 
 
+def test_a_posterior_that_is_narrow_says_much_whatever_its_parameters_do():
+    grey = np.linspace(0.05, 0.95, 24)
+    for name in ("SLR-ldl-1", "SLR-ldl-3", "PPISP-4", "EMoR-3", "GGCM-3"):
+        found = calibrate(load_model(name), Observations(grey[None], grey**2), "posterior")
+        assert found.warnings[0] == (), name
+
+
 def test_of_a_batch_only_the_set_that_says_little_is_told_so():
     brightness = np.array([[[0.499, 0.5, 0.5005, 0.501]], [[0.2, 0.4, 0.6, 0.8]]])
     reference = np.array([[1.0, 1.002, 1.003, 1.004], *(brightness[1] ** 2)])

@@ -174,12 +174,24 @@ def test_data_lists_every_set():
     assert "crfbench fetch dorf" in run_command("data").stdout
 
 
+def test_options_are_named_but_not_within_models_and_calls():
+    said = cli._with_options("direction='up' of Bend(n_params=1, direction='inverse') with white_level=3")
+    assert said == "--direction 'up' of Bend(n_params=1, direction='inverse') with --white-level 3"
+
+
+def test_what_is_there_already_is_told_before_the_work(tmp_path):
+    (tmp_path / "passport.json").touch()
+    done = run_command("calibrate", str(tmp_path / "none"), "--out", str(tmp_path))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "passport.json exists already" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("args", "words"),
     [
         (["table", "fitting", "--data", "dorf"], "run 'crfbench fetch dorf'"),
         (["table", "fitting", "--data", "nonsense"], "--data 'nonsense' is not known; use one of auto, dorf, opencrf"),
-        (["table", "fitting", "--direction", "up"], "--direction 'up' is not known"),
+        (["table", "fitting", "--direction", "up"], "--direction 'up' is not known; use one of forward, inverse, both"),
         (["table", "chart-free", "--method", "lm"], "--method 'lm' is not known; use one of map, posterior"),
         (["fetch", "nonsense"], "WHICH 'nonsense' is not known"),
         (["calibrate", camera.EXAMPLE_FOLDER, "--white-level", "3"], "--white-level 3 is out of range"),

@@ -81,6 +81,36 @@ def test_many_clean_blocks_outweigh_the_prior_and_the_same_errors_over_and_over_
     assert wrong < wide
 
 
+def film(irradiance):
+    """An S-shaped response of a log film, which no family holds."""
+    logs = np.log1p(60 * np.clip(irradiance, 0, 1)) / np.log1p(60)
+    ends = 1 / (1 + np.exp(-9 * (np.array([0, 1]) - 0.45)))
+    return (1 / (1 + np.exp(-9 * (logs - 0.45))) - ends[0]) / (ends[1] - ends[0])
+
+
+def film_series(white, depth):
+    """A scene of patches whose brightest, in the longest of seven exposures, is `white` times what fills the film."""
+    rng = np.random.default_rng(1)
+    scene = np.kron(np.exp(rng.normal(0, 1, (12, 18, 3))), np.ones((20, 20, 1))) * np.linspace(0.6, 1.4, 360)[:, None]
+    stops = np.arange(-4.0, 3.0)
+    shots = film(white * scene / np.quantile(scene, 0.98) * 2 ** (stops - 2)[:, None, None, None])
+    top = np.iinfo(depth).max
+    return [np.rint(top * shot).astype(depth) for shot in shots], stops
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_of_a_clean_series_nothing_is_said(depth):
+    found = calibrate_series(*film_series(4.0, depth))
+    assert not any(found.warnings)
+    assert scaled_rmse(found.curves[0], invert(film(GRID))) < 0.01
+
+
+def test_a_series_far_from_white_is_told_so():
+    found = calibrate_series(*film_series(0.1, np.uint8))
+    assert "nothing is brighter than 0." in found.warnings[0][-1]
+    assert "for the scale, the model speaks alone" in found.warnings[0][-1]
+
+
 @pytest.mark.parametrize("latent", [-0.8, 0.6])
 @pytest.mark.parametrize("method", ["posterior", "map"])
 def test_a_model_recovers_its_own_curves(latent, method):

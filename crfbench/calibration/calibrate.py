@@ -10,7 +10,7 @@ from crfbench.calibration.mixture import marginalised
 from crfbench.calibration.observations import Observations
 from crfbench.calibration.paper_loss import AlignedLoss, descend
 from crfbench.calibration.posterior import Likelihood, Noise, Posterior, PosteriorSamples, drawn_samples, exact_samples
-from crfbench.calibration.table import Table, check_kind, decode_table, minimise
+from crfbench.calibration.table import BAND_SAMPLES, Table, check_kind, decode_table, minimise
 from crfbench.checks import check_choice, check_count, check_seed
 from crfbench.curves import GRID, Array, invert, repair
 from crfbench.errors import InputError
@@ -122,6 +122,7 @@ METHODS = ("paper", "grid", "lm", "map", "posterior")
 _FEW = 4  # patches; with fewer, the prior says much
 # Times the stated noise; beyond, something else than noise is at work. With the discrepancy steps up to 4 are told.
 _WIDE, _WIDE_WITH_DISCREPANCY = 1.25, 3.0
+_AS_EXPECTED = 2.4  # standard deviations of the prior's curves; of a normal distribution, 3.3 hold 90 %
 
 
 def calibrate(
@@ -198,8 +199,10 @@ def calibrate(
     params = model.from_unconstrained(z)
     curves = model.decode(params) if curves is None else curves
     bands = {} if samples is None else _bands(samples, curves if discrepancy else None)
-    warnings, seconds = _warnings(model, observations, z, scale, samples, discrepancy), time.perf_counter() - began
-    return Calibration(model, method, observations, noise, params, curves, warnings, seconds, scale, samples, bands)
+    flat = _flat(table, bands) if table and bands else np.zeros(len(z), dtype=bool)
+    seconds, none = time.perf_counter() - began, ((),) * len(z)
+    found = Calibration(model, method, observations, noise, params, curves, none, seconds, scale, samples, bands)
+    return replace(found, warnings=_warnings(found, z, flat, discrepancy))
 
 
 def _bands(samples: PosteriorSamples, middle: Array | None) -> dict[float, tuple[Array, Array]]:
@@ -231,20 +234,18 @@ def _check(model: ResponseModel, observations: Observations, method: str, noise:
             raise InputError(f"the table was not decoded from {model!r}; use decode_table(model)")
 
 
-def _warnings(
-    model: ResponseModel,
-    observations: Observations,
-    z: Array,
-    scale: Array | None,
-    samples: PosteriorSamples | None,
-    discrepancy: bool,
-) -> tuple[tuple[str, ...], ...]:
-    wide = np.zeros(len(z)) if scale is None else scale
+def _warnings(found: Calibration, z: Array, flat: np.ndarray, discrepancy: bool) -> tuple[tuple[str, ...], ...]:
+    observations = found.observations
+    wide = np.zeros(len(z)) if found.noise_scale is None else found.noise_scale
+    right = "exposures and reference are right"
+    if observations.reference is None:
+        # Errors that go together along the curve widen the bands; they are told where they pass what noise explains.
+        wide, right = np.where(_scatter(found) > 1.0, wide, 0.0), "exposures are right"
     limit, times = (_WIDE_WITH_DISCREPANCY, "{:.0f} times or more") if discrepancy else (_WIDE, "{:.1f} times")
     used = observations.weights > 0
     clipped, total = (observations.clipped & used).sum(axis=(1, 2)), used.sum(axis=(1, 2))
     patches = observations.counts.any(axis=1).sum(axis=1)
-    falling, flat, edge = _falling(observations), _flat(model, samples, len(z)), _at_edge(model, z)
+    falling, edge = _falling(observations), _at_edge(found.model, z)
     return tuple(
         tuple(
             text
@@ -255,7 +256,7 @@ def _warnings(
                 (
                     wide[i] > limit,
                     f"the observations scatter {times.format(wide[i])} as widely as their noise lets expect; check "
-                    "that the scene stood still and that exposures and reference are right",
+                    f"that the scene stood still and that {right}",
                 ),
                 (flat[i], "the observations say little: the curve is mostly what the model expects beforehand"),
                 (edge[i], "the best parameters lie at the edge of what the prior expects"),
@@ -266,14 +267,21 @@ def _warnings(
     )
 
 
-def _flat(model: ResponseModel, samples: PosteriorSamples | None, n: int) -> np.ndarray:
-    """Say where the posterior of the first parameter is nearly as wide as its prior."""
-    if samples is None or model.prior_ is None:
-        return np.zeros(n, dtype=bool)
-    first = np.broadcast_to(samples.unconstrained[..., 0], samples.weights.shape)
-    mean = (samples.weights * first).sum(axis=1, keepdims=True)
-    variance = (samples.weights * (first - mean) ** 2).sum(axis=1)
-    return np.asarray(variance > 0.8**2 * model.prior_.covariance[0, 0])
+def _scatter(found: Calibration) -> Array:
+    """Return the residuals of each set in units of the stated noise, root mean square, (n,)."""
+    observations = found.observations
+    w = observations.counts * observations.weights
+    off = found.residuals / found.noise.relative(observations.brightness)
+    return np.sqrt((w * off**2).sum(axis=(1, 2)) / np.maximum(w.sum(axis=(1, 2)), 1e-300))
+
+
+def _flat(table: Table, bands: dict[float, tuple[Array, Array]]) -> np.ndarray:
+    """Say where the outer band is nearly as wide as the curves that the model expects before any data."""
+    curves, weight = np.clip(table.by_sample[BAND_SAMPLES], 0.0, 1.0).astype(np.float64), np.exp(table.log_prior)
+    variance = np.maximum(curves**2 @ weight - (curves @ weight) ** 2, 0.0)
+    low, high = bands[LEVELS[-1]]
+    width = (high - low)[:, BAND_SAMPLES].mean(axis=1)
+    return np.asarray(width > _AS_EXPECTED * np.sqrt(variance).mean())
 
 
 def _at_edge(model: ResponseModel, z: Array) -> np.ndarray:

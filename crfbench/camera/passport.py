@@ -273,7 +273,10 @@ def linearise(
     if not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)) or not pixels.size:
         raise InputError(f"the image has shape {pixels.shape}; use (h, w) or (h, w, 3)")
     if len(curves) == 3 and pixels.ndim == 2:
-        raise InputError(f"three curves do not match a grey image of shape {pixels.shape}; use one, or a colour image")
+        raise InputError(
+            f"three curves do not match a grey image of shape {pixels.shape}; use one of them, as "
+            "passport.channel('green') or `crfbench convert --channel green` gives, or a colour image"
+        )
     if pixels.dtype in (np.uint8, np.uint16):
         table = _unit(evaluate(curves, np.linspace(0.0, 1.0, np.iinfo(pixels.dtype).max + 1)))
         return look_up(pixels, table.T[:, None])

@@ -82,9 +82,7 @@ class ModelKey:
         families = {family.lower(): family for family in (*(kind.name for kind in MODELS), SLR.name)}
         match = _NAME.fullmatch(name) if isinstance(name, str) else None
         if match is None or match[1].lower() not in families:
-            raise InputError(
-                f"name={name!r} is not a valid name of a model; use one such as 'SLR-ldl-1' or 'GGCM-3-forward'"
-            )
+            raise InputError(f"name={name!r} is not a valid name of a model; use one such as 'SLR-ldl-1' or 'GGCM-3'")
         side = check_direction((match[4] or "inverse").lower())
         return cls(families[match[1].lower()], (match[2] or "").lower(), int(match[3]), side)
 

@@ -153,7 +153,10 @@ class SLR(ResponseModel):
         return curves, self._output_slope(raw, curves, weight @ slope)
 
     def fit(self, curves: ArrayLike) -> Array:
-        """Search a dense table of latents, then polish the nearest few; keep the best."""
+        """Search a dense table of latents, then polish the nearest few; keep the best.
+
+        The table lies near the latents of the training curves; of curves unlike them a better fit may lie far off.
+        """
         batch, table = as_scaled_curves(curves), self._table()
         nearest = nearest_in_table(batch, table, self.decode(table, np.float32), n_best=2 + self.n_params)
         return refine(self, batch, nearest, max_steps=30)  # the table is dense, and the bends of ReLU stop Newton
