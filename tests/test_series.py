@@ -107,7 +107,7 @@ def test_of_a_clean_series_nothing_is_said(depth):
 
 def test_a_series_far_from_white_is_told_so():
     found = calibrate_series(*film_series(0.1, np.uint8))
-    assert "nothing is brighter than 0." in found.warnings[0][-1]
+    assert "nothing that two exposures show is brighter than 0." in found.warnings[0][-1]
     assert "for the scale, the model speaks alone" in found.warnings[0][-1]
 
 

@@ -42,7 +42,7 @@ _PIXELS, _LONGER = 20_000, 0.9
 # Of white: share of a photograph's values that end there, how far below lossy files leave some, and how many.
 _ENDS, _UNEVEN, _FEW_UNEVEN = 0.005, 4, 0.05
 _LOW_WHITE = 0.96  # below, it is more than lossy files do
-_FAR_FROM_WHITE = 0.9
+_FAR_FROM_WHITE = 0.9  # below, how much light makes white is far from what was seen
 # Of the black floor: levels of 255 that may be floor and that have risen so far that they say nothing, and the share of
 # the pixels that three levels need.
 _DARK, _RISEN, _FLOOR_SHARE = 60, 200, 0.0007
@@ -184,7 +184,8 @@ def calibrate_series(
     said = f"the photographs end at brightness {white:.3f}: what reaches it is saturated" if white < _LOW_WHITE else ""
     brightest = found.brightness_range[:, 1].max()
     if brightest < _FAR_FROM_WHITE and not said:
-        said = f"nothing is brighter than {brightest:.2f}: beyond, and for the scale, the model speaks alone"
+        seen = f"nothing that two exposures show is brighter than {brightest:.2f}"
+        said = f"{seen}: beyond, and for the scale, the model speaks alone"
     return _told(found, [said] * len(found))
 
 
