@@ -237,11 +237,11 @@ def _check(model: ResponseModel, observations: Observations, method: str, noise:
 def _warnings(found: Calibration, z: Array, flat: np.ndarray, discrepancy: bool) -> tuple[tuple[str, ...], ...]:
     observations = found.observations
     wide = np.zeros(len(z)) if found.noise_scale is None else found.noise_scale
-    right = "exposures and reference are right"
-    if observations.reference is None:
-        # Errors that go together along the curve widen the bands; they are told where they pass what noise explains.
-        wide, right = np.where(_scatter(found) > 1.0, wide, 0.0), "exposures are right"
     limit, times = (_WIDE_WITH_DISCREPANCY, "{:.0f} times or more") if discrepancy else (_WIDE, "{:.1f} times")
+    right = "exposures are right" if observations.reference is None else "exposures and reference are right"
+    if observations.reference is None and (wide > limit).any():
+        # Errors that go together along the curve widen the bands; they are told where they pass what noise explains.
+        wide = np.where(_scatter(found) > 1.0, wide, 0.0)
     used = observations.weights > 0
     clipped, total = (observations.clipped & used).sum(axis=(1, 2)), used.sum(axis=(1, 2))
     patches = observations.counts.any(axis=1).sum(axis=1)
